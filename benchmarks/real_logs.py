@@ -17,6 +17,8 @@ figures.json contains
 
 Finished stages are reused.
 
+fast_motions, large_motions: the faster, or larger, quarter of the arm's motions is left out.
+
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the
 raw logs of the Go2, of another robot or at other gains, test models of all raw logs.
 
@@ -49,6 +51,7 @@ from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.adapt import adapt_to
 from motorprior.priors.fit_prior import fit_recipe
 from motorprior.priors.validate import baseline_recipes, fitted_baselines
+from motorprior.signals import rms
 from motorprior.stage import FIGURES, description, is_finished, working
 
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
@@ -70,6 +73,20 @@ LOGS = {
 FACTOR = {"so101": 5.0, "xl330": 3.0}  # on `Settings.seconds`
 PRIOR_PRESET = "long_runs"  # with the short windows of rollout, missing dynamics bias the constants
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
+
+
+def commanded_speed(log: mp.MotorLog) -> float:
+    """Root mean square of the commanded velocities of all joints [rad/s]."""
+    return float(rms(np.diff(log.position_target, axis=0) / log.period))
+
+
+def commanded_range(log: mp.MotorLog) -> float:
+    """Mean range of the commanded angles over the joints [rad]."""
+    return float(np.ptp(log.position_target, axis=0).mean())
+
+
+# regimes that are left out: the quarter of the motions with the largest value
+REGIMES = {"fast_motions": commanded_speed, "large_motions": commanded_range}
 
 # names of tests
 UNSEEN_GAINS = "unseen_gains"
@@ -136,10 +153,18 @@ def go2(settings: Settings) -> Iterator[Test]:
 
 
 def so101(settings: Settings) -> Iterator[Test]:
-    """Six servos of an arm, forty motions: a quarter of them is left out in turn."""
+    """Six servos of an arm, forty motions: a quarter of them is left out in turn.
+
+    Then the fastest quarter is left out, and the quarter with the largest ranges (REGIMES).
+    """
     paths = imported(settings, "so101")
     quarters = [paths[quarter::4] for quarter in range(4)]
     yield "leave_motions_out", leave_out(settings, "so101", paths, quarters)
+
+    for name, size in REGIMES.items():
+        by_size = sorted(paths, key=lambda path: size(read_parquet(path)))
+        count = -(-len(paths) // 4)
+        yield name, [fold(settings, "so101", name, by_size[:-count], by_size[-count:])]
 
 
 def xl330(settings: Settings) -> Iterator[Test]:
@@ -357,7 +382,7 @@ def as_figures(robot: str, test: str, folds: Sequence[Figures]) -> dict[str, flo
         figures[f"{robot}/{test}/{model}"] = error
     figures[f"{robot}/{test}/rest/prior"] = means["rest"]["prior"]  # over the rows of adapted
 
-    has_own_coverage = robot == "ak80" or test in (UNSEEN_GAINS, UNSEEN_LEG)
+    has_own_coverage = robot == "ak80" or test in (UNSEEN_GAINS, UNSEEN_LEG, *REGIMES)
     prefix = f"{robot}/{test}" if has_own_coverage else robot
     for level, share in means["coverage"].items():
         figures[f"{prefix}/coverage{level}"] = share
