@@ -15,6 +15,7 @@ from motorprior.identification.windows import (
     POS,
     SECONDS,
     TARGET,
+    VEL,
     subsampled,
     training_data,
     used_seconds_text,
@@ -129,8 +130,10 @@ def test_subsampled_windows_are_spread_over_the_log(lengths):
 
     rows = sum(segment.stop - segment.start for segment in subsample.segments)
     assert 900 <= rows <= 1000
-    assert subsample.segments[0].start == 0
-    assert subsample.segments[-1].stop > 5900
+    starts = [segment.start for segment in subsample.segments]
+    assert starts[0] < 600
+    assert starts[-1] > 5400 - 600
+    assert max(np.diff(starts)) < 2 * 600
     for segment in subsample.segments:
         containing = [
             whole
@@ -139,6 +142,18 @@ def test_subsampled_windows_are_spread_over_the_log(lengths):
         ]
         assert containing, segment
     assert subsampled(data, PRESET, 6000) is data
+
+
+def test_the_pieces_that_move_most_are_taken():
+    data = training_data(a_log([6000]), PRESET, "x")
+    moves = np.arange(6000) % 600 >= 300
+    series = data.series.copy()
+    series[..., VEL] = np.where(moves, series[..., VEL], 0.0)
+
+    subsample = subsampled(replace(data, series=series), PRESET, 1000)
+
+    for segment in subsample.segments:
+        assert moves[segment].mean() > 0.5, segment
 
 
 @pytest.mark.parametrize(

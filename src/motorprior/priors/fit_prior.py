@@ -42,6 +42,7 @@ from motorprior.identification.torque_use import with_usable_torque
 from motorprior.identification.training_result import TrainingResult
 from motorprior.identification.windows import (
     TrainingData,
+    subsampled,
     training_data,
     used_seconds_text,
     with_window_that_fits,
@@ -64,6 +65,8 @@ from motorprior.stage import description, is_finished, locked, working
 
 PRIOR_FILE = "prior.safetensors"
 CHECKPOINT = "unfinished_{}.safetensors"
+# rows per motor that grey boxes are fitted to: more of them cost time, and change little
+MAX_ROWS = 60_000
 MIN_SAVED = 1.0  # work that an interruption may lose, besides the running step [s]
 # key in a prior's provenance: `motion_digest` of every log that it was trained on
 _MOTIONS = "motions"
@@ -216,9 +219,10 @@ def _fitted(
         data, notes = with_usable_torque(log, data, recipe)
         for note in notes:
             progress.report(note)
-    _report_data(log, recipe, data, progress)
+    used = subsampled(data, recipe, MAX_ROWS) if recipe.grey_boxes else data
+    _report_data(log, recipe, used, progress)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
-        result = identify(data, recipe, seed, task.advance, checkpoint)
+        result = identify(used, recipe, seed, task.advance, checkpoint)
     recipe = result.recipe  # with the selected terms
     model = result.model
     if isinstance(model, GreyBox) and log.command_mode != "position":
