@@ -86,6 +86,8 @@ class Term(NamedTuple):
     # rows of `MotorState`; REFERENCE starts at the target, the other rows start at 0
     state: tuple[str, ...] = ()
     is_usual: bool = False  # whether hobby servos usually have it
+    # whether it acts only in fast motions: a limit of speed, acceleration or torque
+    is_limit: bool = False
     # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed
     # torque
     law: Callable[[Any, Any, Any, Any], Any] | None = None
@@ -100,6 +102,7 @@ TERMS = {
         ),
         (REFERENCE, "reference_vel"),
         is_usual=True,
+        is_limit=True,
     ),
     "output_encoder": Term(is_usual=True),
     "dead_zone": Term((TermConstant("dead_zone", "rad", 0.003, 1e-4, 0.0),), is_usual=True),
@@ -114,7 +117,8 @@ TERMS = {
         (
             TermConstant("stall_torque", "N·m", 3.0, 20.0, 1e9),
             TermConstant("no_load_speed", "rad/s", 10.0, 100.0, 1e9),
-        )
+        ),
+        is_limit=True,
     ),
     "current": Term(
         (TermConstant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)

@@ -2,8 +2,8 @@
 
 Optional terms are selected on some motors and some rows (`term_selection`), where a saving may be
 due to chance. All motors are therefore fitted without the selected terms, and with them from these
-fits; the terms are kept if they save MIN_SAVING of the loss of all motors. The constants are
-refined on longer runs.
+fits; the terms are kept if they save MIN_SAVING of the loss of all motors, or if a limit among them
+binds, since `limits` decides on limits. The constants are refined on longer runs.
 """
 
 from collections.abc import Callable
@@ -20,6 +20,7 @@ from motorprior.identification.fit_notes import identifiability, notes_on_terms,
 from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
 from motorprior.identification.physics.estimate_uncertainty import UNKNOWN_STD, estimates_of
+from motorprior.identification.physics.limits import binding_windows
 from motorprior.identification.physics.motor_fit import MotorFits
 from motorprior.identification.physics.motor_model_fit import level_of_logs, sibling_deviations
 from motorprior.identification.physics.term_selection import Selection
@@ -184,7 +185,12 @@ def _fitted_motors(
     fits = fit("motors", recipe.logged_terms, report_constants, None)
     if set(terms) - set(recipe.logged_terms):
         with_terms = fit("motors_with_terms", terms, report_terms, fits)
-        if with_terms.loss.mean() <= (1.0 - MIN_SAVING) * fits.loss.mean():
+        saves_enough = with_terms.loss.mean() <= (1.0 - MIN_SAVING) * fits.loss.mean()
+        new_limits = [
+            name for name in terms if TERMS[name].is_limit and name not in recipe.logged_terms
+        ]
+        binds = binding_windows(runs, with_terms.outputs, terms, new_limits)
+        if saves_enough or binds.any():
             fits = with_terms
 
     if not fits.loss.max() < _DIVERGED:

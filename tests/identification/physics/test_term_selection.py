@@ -15,7 +15,7 @@ from motorprior.identification.physics.term_selection import (
 )
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import POS, TORQUE, VEL, TrainingData
+from motorprior.identification.windows import KP, POS, TORQUE, VEL, TrainingData
 
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
@@ -90,6 +90,20 @@ def test_each_of_few_segments_has_training_and_test_windows(decoder_data: Data):
     is_test = blocks_of(runs) % 2
     for segment in range(6):
         assert set(is_test[runs.segment_indices() == segment]) == {0, 1}
+
+
+def test_every_second_gain_is_held_out(decoder_data: Data):
+    center = initial_center(())
+    data = decoder_data(grey_box(center, (), PRESET), np.zeros((1, len(center))))
+    series = data.series.copy()
+    for segment, kp in zip(data.segments, (1.0, 2.0, 3.0) * 2, strict=True):
+        series[:, segment, KP] = kp
+    runs = WindowRuns(replace(data, series=series), PRESET)
+
+    is_test = blocks_of(runs) % 2 == 1
+
+    kp_of_segments = np.array([segment.gains[0, 0] for segment in runs.segments])
+    np.testing.assert_array_equal(is_test, kp_of_segments[runs.segment_indices()] == 2.0)
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ value in `NEGLIGIBLE` for an acceleration. With a limit that the logs do not ide
 could saturate in other motions. A limit that the maker states is never off.
 """
 
+from collections.abc import Iterable
 from typing import Any, cast
 
 import numpy as np
@@ -42,6 +43,7 @@ from motorprior.identification.physics.motor_problem import (
     DISABLED_LIMIT_FACTOR,
     WEAK_PRECISION,
     centred_search,
+    with_more_terms,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.identification.search import FIXED, WIDE, GaussianPrior, Search
@@ -246,15 +248,12 @@ class _LimitDecision:
         """(M, N) mask of the windows in which the limit of motors x (M, K) binds."""
         off = x.copy()
         off[:, self._column] = np.maximum(self._off, x[:, self._column])
-        problem = self._search.problem
-        binds = []
-        for motor in range(len(x)):
-            lanes = np.stack([x[motor], off[motor]])
-            with np.errstate(over="ignore", invalid="ignore"):
-                residuals = problem.residuals(lanes, np.array([motor, motor]))
-                change = np.abs(residuals[0] - residuals[1]).reshape(problem.observations, -1)
-            binds.append(~(change.max(axis=1) <= MIN_CHANGE))
-        return np.array(binds)
+        return np.array(
+            [
+                _changes(self._search, x[motor], self._search, off[motor], motor)
+                for motor in range(len(x))
+            ]
+        )
 
     def _is_kept(
         self, motor: int, binds: np.ndarray, is_test: np.ndarray, ratios: np.ndarray
@@ -304,6 +303,41 @@ class _LimitDecision:
                 if known.any():
                     suggested[motor] = np.median(own[known]) + shift[motor]
         return contradicted, np.clip(suggested, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+
+
+def binding_windows(
+    runs: WindowRuns, outputs: np.ndarray, terms: tuple[str, ...], limits: Iterable[str]
+) -> np.ndarray:
+    """(M, N) mask of the windows in which any of the ``limits``, optional terms, binds.
+
+    ``outputs`` (M, K) are the decoder outputs of the motors with ``terms``.
+    """
+    others = tuple(name for name in terms if name not in limits)
+    outputs_without = with_more_terms(outputs, terms, others, runs)
+    searches = []
+    unknowns = []
+    for values, names in ((outputs, terms), (outputs_without, others)):
+        center = 0.5 * (values.min(axis=0) + values.max(axis=0))
+        searches.append(centred_search(center, names, runs))
+        unknowns.append(values - center)
+
+    binds = []
+    for motor in range(len(outputs)):
+        binds.append(
+            _changes(searches[0], unknowns[0][motor], searches[1], unknowns[1][motor], motor)
+        )
+    return np.array(binds)
+
+
+def _changes(
+    search: Search, x: np.ndarray, other_search: Search, other_x: np.ndarray, motor: int
+) -> np.ndarray:
+    """(N,) mask of the windows in which two versions of a motor differ by more than MIN_CHANGE."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        residuals = search.problem.residuals(x[None], np.array([motor]))
+        other_residuals = other_search.problem.residuals(other_x[None], np.array([motor]))
+        change = np.abs(residuals - other_residuals).reshape(search.problem.observations, -1)
+    return ~(change.max(axis=1) <= MIN_CHANGE)
 
 
 def is_held_out(runs: WindowRuns, binds: np.ndarray) -> np.ndarray:

@@ -19,6 +19,10 @@ is selected if
 For fewer than five motors the test is over their held-out blocks. The rounds end when no candidate
 passes. Finally every selected term is removed once, and stays out if it does not pass this test at
 20 %.
+
+Limits of speed, acceleration and torque come first, in rounds of their own: another term could
+stand in for them. They act in few windows, so their losses are those of the held-out windows in
+which they bind.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,6 +36,7 @@ from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, pa
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
 from motorprior.identification.checkpoint import Checkpoint, PartCheckpoint, parts_of, unsaved
 from motorprior.identification.physics.descents import STEPS, reachable
+from motorprior.identification.physics.limits import binding_windows
 from motorprior.identification.physics.motor_fit import MotorFits, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     centred_search,
@@ -90,8 +95,9 @@ class _EvaluatedFit:
     terms: tuple[str, ...]
     outputs: np.ndarray  # (m, K) decoder outputs
     train: np.ndarray  # (m,) training loss
-    held_out: np.ndarray  # (m,) held-out loss
-    held_out_blocks: np.ndarray  # (m, B) held-out loss by block
+    held_out: np.ndarray  # (m, n) losses of the held-out windows
+    blocks: np.ndarray  # (n,) blocks of these windows
+    binding: dict[str, np.ndarray]  # (m, n) windows in which a limit binds, by term
 
 
 def select_terms(
@@ -124,50 +130,54 @@ def select_terms(
     candidates = [name for name in selectable if name not in unavailable]
     fits = _TermFits(runs, blocks, seed, checkpoint)
     saved: dict[str, float] = {}
-    best = _with_useful_terms(fits, logged, candidates, saved, report)
+    limits = [name for name in candidates if TERMS[name].is_limit]
+    others = [name for name in candidates if name not in limits]
+    rigid = fits.rigid(logged)
+    best = fits.with_all_constants(rigid)
+    for names in (limits, others):
+        best, rigid = _with_useful_terms(fits, best, rigid, names, saved, report)
     best = _without_useless_terms(fits, best, logged, saved, report)
     return Selection(best.terms, saved)
 
 
 def _with_useful_terms(
     fits: "_TermFits",
-    logged: tuple[str, ...],
+    best: _EvaluatedFit,
+    rigid: _EvaluatedFit,
     candidates: Sequence[str],
     saved: dict[str, float],
     report: Callable[[str], None],
-) -> _EvaluatedFit:
-    """The best fit after rounds that add terms among ``candidates`` to the ``logged`` terms.
+) -> tuple[_EvaluatedFit, _EvaluatedFit]:
+    """The best fit and the simplest motors after rounds that add terms among ``candidates``.
 
     The share of the held-out loss that a term saves is added to ``saved``.
     """
-    rigid = fits.rigid(logged)
-    best = fits.with_all_constants(rigid)
-    for round_number in range(1 + len(candidates)):
+    for round_number in range(len(candidates)):
         groups = _groups(candidates, best.terms)
         screened = {group: fits.with_terms(best, group) for group in groups}
         if round_number == 0:
             for (name, *more), fit in screened.items():
                 if not more:
-                    report(f"{name}: saves {100 * _saved(best, fit):.0f} %")
+                    report(f"{name}: saves {100 * _saved(best, fit, (name,)):.0f} %")
 
         simplest = {group: fits.simplest_with(rigid, group) for group in groups}
         finalists = _finalists(fits, screened, simplest)
         for (name, *more), fit in (screened | finalists).items():
             if not more:
-                saved[name] = _saved(best, fit)
+                saved[name] = _saved(best, fit, (name,))
 
-        passed = {}
+        savings = {}
         for group, fit in finalists.items():
-            if _saves_enough(best, fit, _ADDITION_LEVEL):
-                passed[group] = fit
-        if not passed:
+            if _saves_enough(best, fit, group, _ADDITION_LEVEL):
+                savings[group] = _saved(best, fit, group)
+        if not savings:
             break
 
-        winner = max(passed, key=lambda group: _saved(best, passed[group]))
-        best = passed[winner]
+        winner = max(savings, key=lambda group: savings[group])
+        best = finalists[winner]
         rigid = simplest[winner]
         report(f"selected {', '.join(best.terms)}")
-    return best
+    return best, rigid
 
 
 def _without_useless_terms(
@@ -182,8 +192,8 @@ def _without_useless_terms(
         if name in logged:
             continue
         without = fits.without(best, name)
-        saved[name] = _saved(without, best)
-        if not _saves_enough(without, best, _REMOVAL_LEVEL):
+        saved[name] = _saved(without, best, (name,))
+        if not _saves_enough(without, best, (name,), _REMOVAL_LEVEL):
             best = without
         report(f"{name}: saves {100 * saved[name]:.0f} %")
     return best
@@ -252,25 +262,50 @@ def terms_without_variation(runs: WindowRuns) -> tuple[str, ...]:
     return tuple(steady)
 
 
-def _saved(without: _EvaluatedFit, fit: _EvaluatedFit) -> float:
-    """Share of the held-out loss that a fit saves, median over the motors."""
-    ratios = _logarithm(fit.held_out) - _logarithm(without.held_out)
-    return 1.0 - float(np.exp(np.median(ratios)))
+def _saved(without: _EvaluatedFit, fit: _EvaluatedFit, added: Group) -> float:
+    """Share of the held-out loss that a fit with ``added`` terms saves, median over the motors."""
+    by_motor, _ = _savings(without, fit, added)
+    return 1.0 - float(np.exp(-np.median(by_motor))) if len(by_motor) else 0.0
 
 
-def _saves_enough(without: _EvaluatedFit, fit: _EvaluatedFit, level: float) -> bool:
-    """Whether a fit saves more than MIN_SAVING of the held-out loss, significantly at ``level``."""
+def _saves_enough(without: _EvaluatedFit, fit: _EvaluatedFit, added: Group, level: float) -> bool:
+    """Whether ``added`` terms save more than MIN_SAVING, significantly at ``level``."""
     from scipy.stats import wilcoxon  # here: it takes half a second to import
 
-    if len(without.held_out) >= _MIN_RANKS:
-        savings = _logarithm(without.held_out) - _logarithm(fit.held_out)
-    else:
-        savings = _logarithm(without.held_out_blocks) - _logarithm(fit.held_out_blocks)
-    savings = savings.ravel()
+    by_motor, by_block = _savings(without, fit, added)
+    savings = by_motor if len(by_motor) >= _MIN_RANKS else by_block
     if len(savings) < _MIN_RANKS or not savings.any():
         return False
     p_value = float(cast(Any, wilcoxon(savings, alternative="greater")).pvalue)
-    return _saved(without, fit) > MIN_SAVING and p_value < level
+    return _saved(without, fit, added) > MIN_SAVING and p_value < level
+
+
+def _savings(
+    without: _EvaluatedFit, fit: _EvaluatedFit, added: Group
+) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of held-out losses without over with ``added`` terms, by motor and by block.
+
+    They are of the windows in which an added limit binds, otherwise of all windows. Motors and
+    blocks without such windows are left out.
+    """
+    counts = np.ones(fit.held_out.shape, bool)
+    if all(TERMS[name].is_limit for name in added):
+        counts = np.any([fit.binding[name] for name in added], axis=0)
+
+    by_block = []
+    for block in np.unique(fit.blocks):
+        by_block.append(_log_ratios(without, fit, counts & (fit.blocks == block)))
+    return _log_ratios(without, fit, counts), np.concatenate(by_block)
+
+
+def _log_ratios(without: _EvaluatedFit, fit: _EvaluatedFit, counts: np.ndarray) -> np.ndarray:
+    """Logarithms of the ratios of two fits' mean losses, of motors with windows that ``counts``."""
+    ratios = []
+    for motor in np.flatnonzero(counts.any(axis=1)):
+        loss_without = without.held_out[motor, counts[motor]].mean()
+        loss_with = fit.held_out[motor, counts[motor]].mean()
+        ratios.append(_logarithm(loss_without) - _logarithm(loss_with))
+    return np.array(ratios)
 
 
 def _logarithm(loss: np.ndarray) -> np.ndarray:
@@ -398,37 +433,43 @@ class _TermFits:
         search = motor_search(grey_box(center, terms, self._runs.recipe), self._runs)
         losses = search.observation_losses(outputs - center)  # (m, N)
 
-        held_out = losses[:, self._is_test]
-        test_blocks = self._blocks[self._is_test]
-        by_block = []
-        for block in np.unique(test_blocks):
-            by_block.append(held_out[:, test_blocks == block].mean(axis=1))
+        binding = {}
+        for term in terms:
+            if TERMS[term].is_limit:
+                binds = binding_windows(self._runs, outputs, terms, (term,))
+                binding[term] = binds[:, self._is_test]
         return _EvaluatedFit(
             terms=terms,
             outputs=outputs,
             train=losses[:, self._is_train].mean(axis=1),
-            held_out=held_out.mean(axis=1),
-            held_out_blocks=np.stack(by_block, axis=1),
+            held_out=losses[:, self._is_test],
+            blocks=self._blocks[self._is_test],
+            binding=binding,
         )
 
 
 def blocks_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
     """(N,) index of the block of each window; odd blocks are held out.
 
-    A block is a segment or, for fewer than ``min_segments``, one of NUM_BLOCKS. Segments under
-    different operating conditions (MIN_VARIATION) are sorted by these, so that neighbouring blocks
-    have similar operating conditions.
+    A block is a segment or, for fewer than ``min_segments``, one of NUM_BLOCKS. If the segments
+    have several gains, every second gain is held out: a term must help at gains that it was not
+    fitted to. Segments under different operating conditions (MIN_VARIATION) are sorted by these, so
+    that neighbouring blocks have similar operating conditions.
     """
     segments = runs.segment_indices()
     if len(terms_without_variation(runs)) < len(MIN_VARIATION):
         means = [segment.operating_conditions.mean(axis=1) for segment in runs.segments]
         order = np.lexsort(np.array(means).round(2).T[::-1])
         segments = np.argsort(order)[segments]
-    if segments.max() + 1 >= min_segments:
-        return segments
+    blocks = segments
+    if segments.max() + 1 < min_segments:
+        windows = len(segments)
+        blocks = np.empty_like(segments)
+        in_order_of_segments = np.argsort(segments, kind="stable")
+        blocks[in_order_of_segments] = np.arange(windows) * min(NUM_BLOCKS, windows) // windows
 
-    windows = len(segments)
-    blocks = np.empty_like(segments)
-    in_order_of_segments = np.argsort(segments, kind="stable")
-    blocks[in_order_of_segments] = np.arange(windows) * min(NUM_BLOCKS, windows) // windows
-    return blocks
+    gains = np.array([segment.gains.ravel() for segment in runs.segments])
+    gain = np.unique(gains, axis=0, return_inverse=True)[1].ravel()[runs.segment_indices()]
+    if gain.max() == 0:
+        return blocks
+    return 2 * blocks + gain % 2
