@@ -10,7 +10,7 @@ of ``arm_mass`` (a uniform rod),
     external_torque = -(mass + arm_mass/2)·g·length·sin(joint_pos)
 
 and load_stiffness is the derivative of the latter. Rows with the torque off are dropped; a segment
-ends there.
+ends there. The servos of these recordings measure and control the angle of their output shaft.
 """
 
 import json
@@ -67,6 +67,7 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
         load_stiffness=-(mass + arm / 2.0) * GRAVITY * length * np.cos(angle),
         logged_kp=np.full_like(angle, kp),
         gain_unit="firmware",
+        firmware={"output_encoder": 1.0},
         joint_names=("pendulum",),
         robot="pendulum",
         motor=str(content.get("motor", "")),
