@@ -54,8 +54,9 @@ class World:
     command: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda time, command: command
     # share of the weight that the controller compensates
     compensation: float = 0.0
-    # time [s] from which the motors have no torque
+    # times [s] from which the motors have no torque, and have torque again
     off_after: float = np.inf
+    on_after: float = np.inf
     # angle of an end stop [rad]
     stop: float = np.inf
     # angle at which the weights hang down, of all or of each (J,) [rad]
@@ -133,7 +134,7 @@ def _angles(time: np.ndarray, target: np.ndarray, world: World) -> np.ndarray:
         angles[row] = q
         for _ in range(FINE):
             torque, damping = motors.step(command, q, dq)
-            if time[row] >= world.off_after:
+            if world.off_after <= time[row] < world.on_after:
                 torque = torque * 0.0 - 0.1 * dq
                 damping = 0.0 * damping
             weight = -world.load * WEIGHT * np.sin(q - world.hangs_at)

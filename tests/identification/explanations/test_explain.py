@@ -1,5 +1,6 @@
 """A fit whose inputs contradict the model is explained by the right cause, with its value."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,19 @@ CASES: dict[str, tuple[dict[str, Any], float | None, dict[str, list[tuple[float,
     "late command": ({"command": late}, 1.0, {"delay": [(0.09, 0.02)]}),
     "end stop": ({"stop": 0.55}, 1.0, {"end_stop": []}),
     "torque off": ({"off_after": 0.7 * SECONDS}, None, {"no_response": []}),
+    "load that is 30 % too heavy": (
+        {"load": 1.0 / 1.3},
+        1.0,
+        {
+            "stated_gains": [(np.log(1.3), 0.05)],
+            "load": [(-np.log(1.3), 0.05), (-np.log(1.3), 0.2)],
+        },
+    ),
+    "60 % of the weight compensated": (
+        {"compensation": 0.6},
+        1.0,
+        {"weight": [(0.6, 0.06)]},
+    ),
 }
 
 
@@ -100,6 +114,74 @@ def test_the_cause_is_named_with_its_value(
             values = trials[name].estimate(0).values
             true_values, tolerances = np.transpose(parameters)
             assert np.all(np.abs(values - true_values) < tolerances), values
+
+
+def test_torque_that_is_off_for_a_while_is_named_with_the_rows_of_the_fall():
+    log = swing(SECONDS, 12, 1, World(off_after=0.4 * SECONDS, on_after=0.6 * SECONDS))
+
+    explanations = explained(log)
+
+    (cause,) = explanations.causes
+    (trial,) = cause.trials
+    assert trial.name == "no_response"
+    assert trial.attempt.errors[0] < 1e-3
+
+
+def test_gravity_compensation_is_named_without_stated_gains():
+    log = swing(SECONDS, 20, 1, World(compensation=1.0), None)
+
+    (cause,) = explained(log).causes
+
+    assert cause.trials[0].name == "weight"
+    assert cause.trials[0].estimate(0).values[0] == pytest.approx(1.0, abs=0.06)
+
+
+def test_commands_in_degrees_have_their_scale():
+    log = swing(SECONDS, 14)
+    degrees = replace(log, position_target=np.degrees(log.position_target))
+
+    (cause,) = explained(degrees).causes
+
+    assert cause.trials[0].name == "command_scale"
+    assert np.exp(cause.trials[0].estimate(0).values[0]) == pytest.approx(np.pi / 180.0, rel=0.02)
+
+
+def test_a_kd_in_another_unit_is_named():
+    log = swing(SECONDS, 11)
+    assert log.logged_kd is not None
+
+    (cause,) = explained(replace(log, logged_kd=4.0 * log.logged_kd)).causes
+
+    assert cause.trials[0].name == "stated_kd"
+    assert np.exp(cause.trials[0].estimate(0).values[0]) == pytest.approx(0.25, rel=0.1)
+
+
+def test_another_clock_in_one_log_is_named():
+    def later(time: np.ndarray, command: np.ndarray) -> np.ndarray:
+        rows = round(0.026 / PERIOD)
+        return np.concatenate([np.repeat(command[:1], rows, axis=0), command[:-rows]])
+
+    logs = [swing(SECONDS, 15), swing(SECONDS, 16, 1, World(command=later))]
+
+    (cause,) = explained(joined(logs)).causes
+
+    trials = {trial.name: trial for trial in cause.trials}
+    assert trials["delay_of_log of log 1"].estimate(0).values[0] == pytest.approx(0.026, abs=2e-3)
+
+
+def test_an_end_stop_at_the_other_side_is_named():
+    log = swing(SECONDS, 19, 1, World(stop=0.5))
+    assert log.external_torque is not None
+    mirrored = replace(
+        log,
+        position_target=-log.position_target,
+        joint_pos=-log.joint_pos,
+        external_torque=-log.external_torque,
+    )
+
+    (cause,) = explained(mirrored).causes
+
+    assert [trial.name for trial in cause.trials] == ["end_stop"]
 
 
 def test_a_factor_on_gains_may_be_one_on_the_load():
@@ -167,6 +249,66 @@ def test_a_part_that_the_model_of_the_load_lacks_is_named_with_its_mass(tmp_path
     assert distance == pytest.approx(0.3, abs=0.06)
     (note,) = explanations.notes()
     assert note.text.startswith("shoulder, elbow: the model of the load lacks 0.0")
+
+
+TILT = np.deg2rad(20.0)
+
+
+@pytest.mark.parametrize(("axes", "states_gains"), [("yx", False), ("yy", True)])
+def test_the_roll_of_a_tilted_base_is_named(axes: str, states_gains: bool, tmp_path: Path):
+    arm = two_link_arm.robot_of(tmp_path, axes=axes)
+    log = two_link_arm.swing(
+        arm, SECONDS, 1, tilt=(TILT, 0.0), axes=axes, states_gains=states_gains
+    )
+
+    explanations = explained(log)
+
+    (cause,) = explanations.causes
+    tilt = next(trial for trial in cause.trials if trial.name == "tilt")
+    estimate = tilt.common_estimate(cause.joints)
+    assert estimate is not None
+    # the side to which the plane of a planar arm is tilted has no effect
+    sign = np.sign(estimate.values[0]) if axes == "yy" else 1.0
+    assert sign * estimate.values[0] == pytest.approx(TILT, abs=np.deg2rad(3.0))
+    assert estimate.values[1] == pytest.approx(0.0, abs=np.deg2rad(3.0))
+    low, high = np.sort([sign * estimate.low[0], sign * estimate.high[0]])
+    assert low < TILT < high
+
+
+def test_a_planar_arm_on_a_pitched_base_has_another_zero_of_its_first_joint(tmp_path: Path):
+    arm = two_link_arm.robot_of(tmp_path, axes="yy")
+    log = two_link_arm.swing(arm, SECONDS, 4, tilt=(0.0, -0.7 * TILT), axes="yy")
+
+    (cause,) = explained(log).causes
+
+    trials = {trial.name: trial for trial in cause.trials}
+    assert {"tilt", "zero"} <= trials.keys()
+    assert trials["zero"].turned_joint == 0
+    assert trials["tilt"].estimate(0).values[1] == pytest.approx(-0.7 * TILT, abs=0.03)
+
+
+def test_one_zero_in_one_log_is_the_only_cause(tmp_path: Path):
+    arm = two_link_arm.robot_of(tmp_path, axes="zyy")
+    days = [
+        two_link_arm.swing(arm, SECONDS, 4, axes="zyy"),
+        two_link_arm.swing(arm, SECONDS, 5, axes="zyy", elbow_zero=0.25),
+    ]
+
+    (cause,) = explained(joined(days)).causes
+
+    best = cause.trials[0]
+    assert best.name == "zero of log 1"
+    assert best.turned_joint == 2
+    estimate = best.common_estimate(cause.joints)
+    assert estimate is not None
+    assert estimate.values[0] == pytest.approx(-0.25, abs=0.03)
+
+
+@pytest.mark.parametrize("axes", ["yx", "zyy"])
+def test_an_arm_whose_inputs_are_right_needs_no_explanation(axes: str, tmp_path: Path):
+    arm = two_link_arm.robot_of(tmp_path, axes=axes)
+
+    assert explained(two_link_arm.swing(arm, SECONDS, 7, axes=axes)).causes == ()
 
 
 def test_the_zero_of_one_joint_explains_the_errors_of_the_joint_that_carries_it(tmp_path: Path):

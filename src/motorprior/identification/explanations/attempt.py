@@ -205,7 +205,7 @@ class Attempts:
     ) -> tuple[float, np.ndarray]:
         """Share of a joint's error that an explanation leaves by a score test, and parameters."""
         problem = self._problem(explanation, runs, is_changed)
-        return predicted_share(problem, motor, joint, len(explanation.units))
+        return predicted_share(problem, motor, joint, len(explanation.units), explanation.is_even)
 
     def candidate_share(
         self, explanation: Explanation, joint: int, is_changed: list[bool], runs: WindowRuns
@@ -262,7 +262,11 @@ class Attempts:
         start = search.best_of(near_fitted, prior, joints)
         fit = search.descend(start, prior, _FIRST_STEPS, joints)
         start = search.best_of(near_initial, prior, joints)
-        x[joints] = fit.better(search.descend(start, prior, _FIRST_STEPS, joints)).x
+        fit = fit.better(search.descend(start, prior, _FIRST_STEPS, joints))
+        if predicted is not None and explanation is not None and explanation.is_even:
+            # its loss may be larger at first, until the constants follow
+            fit = fit.better(search.descend(candidates[:, 1], prior, _FIRST_STEPS, joints))
+        x[joints] = fit.x
         return Attempt(problem, prior, fixed, np.array(units), x, self._errors(problem, x, joints))
 
     def refined(self, attempt: Attempt, joints: np.ndarray) -> Attempt:

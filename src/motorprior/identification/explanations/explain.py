@@ -85,12 +85,17 @@ class Trial:
         return half_widths[list(joints)]
 
     def counts(self, joint: int) -> bool:
-        """Whether the log of a joint identifies the parameters, and one of them is not small."""
+        """Whether a parameter is not small, and the log of a joint identifies all such parameters.
+
+        A parameter that is near 0 may be unknown: a planar arm does not tell a small roll from 0.
+        """
         if not self.units:
             return True
         estimate = self.estimate(joint)
-        is_identified = np.all(estimate.half_widths <= _MAX_HALF_WIDTH * np.array(self.units))
-        return bool(is_identified) and estimate.count_above(np.array(self.smallest)) > 0
+        smallest = np.array(self.smallest)
+        is_needed = (np.abs(estimate.values) > smallest) | np.isinf(smallest)
+        is_identified = estimate.half_widths <= _MAX_HALF_WIDTH * np.array(self.units)
+        return bool(np.all(is_identified[is_needed])) and estimate.count_above(smallest) > 0
 
     def common_estimate(self, joints: Sequence[int]) -> Estimate | None:
         """Parameters that several joints have in common, or None if they disagree."""
@@ -409,6 +414,11 @@ def causes_of(errors: np.ndarray, trials: Sequence[Trial]) -> list[Explained]:
         equal.sort(key=lambda trial: _order(trial, indices, float(left)))
         causes.append(Explained(indices, tuple(equal)))
         remaining[joints] = False
+
+        # a further cause must explain what a shared one leaves of the other joints' errors
+        if best.is_shared:
+            errors = np.minimum(errors, best.attempt.errors)
+            remaining &= errors > MIN_ERROR
     return causes
 
 
@@ -426,14 +436,15 @@ def _cured(trial: Trial, errors: np.ndarray, remaining: np.ndarray) -> np.ndarra
     return cured
 
 
-def _order(trial: Trial, joints: tuple[int, ...], least: float) -> tuple[int, int]:
+def _order(trial: Trial, joints: tuple[int, ...], least: float) -> tuple[int, int, int]:
     """Order of equally good trials: the error in coarse steps, then the number of parameters.
 
-    ``least`` is the error of the best one [rad].
+    Parameters that are not small count first, then all. ``least`` is the error of the best one
+    [rad].
     """
     rise = float(rms(trial.attempt.errors[list(joints)])) - least
     steps = max(0, round(rise / (0.1 * least + _ORDER_STEP)))
-    return steps, trial.parameters(joints)
+    return steps, trial.parameters(joints), len(trial.units)
 
 
 def _gain(trial: Trial, errors: np.ndarray, remaining: np.ndarray) -> float:

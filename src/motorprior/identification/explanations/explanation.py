@@ -114,6 +114,8 @@ class Explanation:
         per_log: whether it is also tried on single logs, if there are several.
         only_per_log: whether it is not tried on all logs together.
         is_shared: whether it has the same parameters for all joints.
+        is_even: whether its effect may be the same for both signs of a parameter: weights that are
+            turned out of the plane of a joint become lighter.
         turns: whether it turns what a joint carries; with known bodies it is tried for one joint
             after the other, and changes the loads of this joint, and of all joints that carry it or
             that it carries.
@@ -134,6 +136,7 @@ class Explanation:
     per_log: bool = False
     only_per_log: bool = False
     is_shared: bool = False
+    is_even: bool = False
     turns: bool = False
     adds_mass: bool = False
 

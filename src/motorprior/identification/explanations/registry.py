@@ -400,6 +400,7 @@ EXPLANATIONS = (
         applies=lambda facts: facts.has_gravity,
         per_log=True,
         is_shared=True,
+        is_even=True,
     ),
     Explanation(
         "mass_of_link",

@@ -18,6 +18,10 @@ _MIN_COMMAND = 0.15
 _MIN_ERRORS = 3.0
 _MIN_RESPONSE = 0.12  # range of the angle over the range of the command in this span
 _MARGIN_SECONDS = 1.0  # left out before and after rows without response
+# neighbouring rows are left out as well while errors, at most this time apart, are among the
+# largest of the other rows: this share of them
+_GAP_SECONDS = 0.1
+_LARGE_SHARE = 0.05
 
 
 def _end_stop(rows: np.ndarray, motion: np.ndarray, period: float) -> np.ndarray:
@@ -50,7 +54,23 @@ def _no_response(rows: np.ndarray, motion: np.ndarray, period: float) -> np.ndar
     margin = 2 * round(_MARGIN_SECONDS / period) + 1
     # rows between two dead ones are dead as well
     near = maximum_filter1d(is_dead.astype(float), 2 * margin + 1, axis=0) > 0.0
-    return near
+
+    # a joint that falls when its torque goes off moves at first: errors are large from there on
+    error = np.abs(target - rows[:, channel.POS])
+    is_large = np.zeros_like(near)
+    for joint in np.flatnonzero(near.any(axis=0) & ~near.all(axis=0)):
+        usual = error[~near[:, joint], joint]
+        is_large[:, joint] = error[:, joint] > np.quantile(usual, 1.0 - _LARGE_SHARE)
+    gap = 2 * round(_GAP_SECONDS / period) + 1
+    return _grown(near, maximum_filter1d(is_large.astype(float), gap, axis=0) > 0.0)
+
+
+def _grown(mask: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+    """The mask (T, M), with the runs of ``neighbours`` (T, M) that touch it."""
+    from scipy.ndimage import binary_propagation  # here: half a second to import
+
+    along_time = np.array([[False, True, False]] * 3)
+    return binary_propagation(mask, along_time, mask=mask | neighbours)
 
 
 def _sustained(mask: np.ndarray, count: int) -> np.ndarray:

@@ -7,8 +7,9 @@ the constants change it by J·x. To first order, the explanation leaves the shar
 
 of the errors, where ⊥ removes what the constants can explain (the columns of J), and S⁺ is the
 pseudo-inverse. S are differences over a small and over a large change of θ, since a large error
-of the inputs changes r in another direction than a small one. Residuals are weighted by the Huber
-weights at the fitted motor.
+of the inputs changes r in another direction than a small one. If the effect of θ may be the same
+for both signs, the differences over the large change are also to either side. Residuals are
+weighted by the Huber weights at the fitted motor.
 
 The test costs a few simulations per explanation and shares J, where a fit needs hundreds.
 """
@@ -75,25 +76,47 @@ def unexplained(problem: Problem, x: np.ndarray, index: int, free: np.ndarray) -
 
 
 def predicted_share(
-    problem: Problem, motor: Unexplained, index: int, parameters: int
+    problem: Problem, motor: Unexplained, index: int, parameters: int, is_even: bool = False
 ) -> tuple[float, np.ndarray]:
     """Share of the errors that an explanation leaves, and its parameters (P,) over their units.
 
     ``problem`` has the explanation's P parameters as its last unknowns. The parameters are the
-    linear estimate of a small change.
+    linear estimate of a small change, or of a large one to one side if the effect may be the same
+    for both signs of a parameter (``is_even``) and this explains more.
     """
     left = motor.left
     size = max(float(np.linalg.norm(left)), 1e-12)
     start = np.append(motor.x, np.zeros(parameters))
     columns = np.arange(len(motor.x), len(start))
 
+    def explained(slopes: np.ndarray) -> tuple[float, np.ndarray]:
+        directions = motor.without_constants((motor.weights * slopes).T)
+        solution = np.linalg.lstsq(directions, left, rcond=1e-6)[0]
+        return float(np.linalg.norm(left - directions @ solution)) / size, -solution
+
     shares = []
     estimate = np.zeros(parameters)
     for change in _CHANGES:
         _, slopes = sensitivities(problem, start, index, columns, change)
-        directions = motor.without_constants((motor.weights * slopes).T)
-        solution = np.linalg.lstsq(directions, left, rcond=1e-6)[0]
-        shares.append(float(np.linalg.norm(left - directions @ solution)) / size)
+        share, parameter_values = explained(slopes)
+        shares.append(share)
         if change == _CHANGES[0]:
-            estimate = -solution
+            estimate = parameter_values
+    if is_even:
+        for slopes in _slopes_to_sides(problem, start, index, columns):
+            share, parameter_values = explained(slopes)
+            if share < min(shares):
+                estimate = parameter_values
+            shares.append(share)
     return min(shares), estimate
+
+
+def _slopes_to_sides(
+    problem: Problem, x: np.ndarray, index: int, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(F, R) differences over the large change of F unknowns, above and below x (K,)."""
+    change = _CHANGES[-1]
+    moves = change * np.eye(len(x))[columns]
+    residuals = _residuals(problem, np.concatenate([x[None], x + moves, x - moves]), index)
+    above, below = np.split(residuals[1:], 2)
+    return (above - residuals[0]) / change, (residuals[0] - below) / change
