@@ -163,14 +163,7 @@ def without_noise(log: MotorLog) -> MotorLog:
         return log
     noise, jerk_density = noise_and_jerk
     pos, vel = smoothed(log.joint_pos, segments, log.period, noise, jerk_density)
-
-    external = log.external_torque
-    if external is not None and log.load_stiffness is not None:
-        # it is the torque at the angle of its row: noise would otherwise act as a torque
-        external = external + log.load_stiffness * (pos - log.joint_pos)
-    return replace(
-        log, joint_pos=pos, joint_vel=vel, joint_reading=log.joint_pos, external_torque=external
-    )
+    return replace(log, joint_pos=pos, joint_vel=vel, joint_reading=log.joint_pos)
 
 
 def with_velocities(log: MotorLog) -> MotorLog:

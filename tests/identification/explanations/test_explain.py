@@ -57,7 +57,7 @@ CASES: dict[str, tuple[dict[str, Any], float | None, dict[str, list[tuple[float,
         8.0,
         {"stated_gains": [(-np.log(8.0), 0.1)], "load": [(np.log(8.0), 0.1), (np.log(8.0), 0.2)]},
     ),
-    "heavier load": ({"load": 2.0}, 1.0, {"stated_gains": [(-np.log(2.0), 0.1)]}),
+    "heavier load": ({"load": 2.0}, 1.0, {"load": [(np.log(2.0), 0.1), (np.log(2.0), 0.2)]}),
     "gravity compensation": ({"compensation": 1.0}, 1.0, {"weight": [(1.0, 0.06)]}),
     "scaled actions": (
         {"command": lambda time, command: 0.25 * command},

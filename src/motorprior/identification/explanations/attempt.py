@@ -125,7 +125,8 @@ class _ExplainedProblem(MotorProblem):
         for segment, is_changed in zip(self.runs.segments, self.is_changed, strict=True):
             rows = segment.rows[:, :, problems]
             if is_changed:
-                rows = self.explanation.change(rows, theta, self.runs.recipe.period)
+                with np.errstate(over="ignore", invalid="ignore"):  # a step may be far too long
+                    rows = self.explanation.change(rows, theta, self.runs.recipe.period)
             rows = np.ascontiguousarray(rows[:, : self.columns])
             changed = SegmentArrays(rows, segment.windows)
             motors = grey_boxes(self.model)(x[:, :-size], index, changed)
