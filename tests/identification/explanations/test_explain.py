@@ -187,8 +187,8 @@ def test_an_end_stop_at_the_other_side_is_named():
 def test_a_factor_on_gains_may_be_one_on_the_load():
     (note,) = explained(swing(SECONDS, 1, 1, World(load=2.0))).notes()
 
-    assert "kp 10" in note.text
-    assert "or the gains are right and the load is" in note.text
+    assert "the weight of the load is" in note.text
+    assert "Equally good: left: the stated kp and kd are" in note.text
 
 
 @pytest.mark.parametrize("gains", [1.0, None])
