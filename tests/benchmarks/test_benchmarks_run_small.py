@@ -34,6 +34,7 @@ SMALL_RUNS = {
         "--episode-steps 10 --directions 1 --walk-seconds 1 --record-seconds 5"
     ),
     "command_modes": SmallRun("--out {out} --mit 1 --torque 1 --seconds 4"),
+    "encoder_place": SmallRun("--data {data} --out {out} --logs 8 --seconds 2"),
     "engines": SmallRun(
         "--prior pupper_v2 --figure {out}/engines.png --trots 1 --steps 20",
         files=("engines.png",),
