@@ -189,8 +189,7 @@ def _fitted_motors(
         new_limits = [
             name for name in terms if TERMS[name].is_limit and name not in recipe.logged_terms
         ]
-        binds = binding_windows(runs, with_terms.outputs, terms, new_limits)
-        if saves_enough or binds.any():
+        if saves_enough or binding_windows(runs, with_terms.outputs, terms, new_limits).any():
             fits = with_terms
 
     if not fits.loss.max() < _DIVERGED:

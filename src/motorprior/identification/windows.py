@@ -358,9 +358,9 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
 def subsampled(data: TrainingData, recipe: Recipe, rows: int) -> TrainingData:
     """About ``rows`` rows of the data, in pieces of two to eight windows.
 
-    The pieces that are long enough are divided into equal sequences, from each of which the piece
-    with the most motion is taken: Σ of rms velocities, each over that of its motor in all pieces.
-    Data with no more rows are returned as they are.
+    The pieces are divided into equal sequences. The piece with the most motion is taken from each.
+    Motion is the sum over the motors of the rms velocity in the piece over the rms velocity in all
+    pieces. Data with no more rows are returned as they are.
     """
     total_rows = sum(segment.stop - segment.start for segment in data.segments)
     if total_rows <= rows:

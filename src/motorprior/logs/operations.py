@@ -224,8 +224,8 @@ def command_steps(log: MotorLog, name: str, noise: float) -> np.ndarray:
 
     A change between two rows is a step if it is large compared with the ``noise`` [rad] of the
     angles, and differs from the changes before and after it by more than half of itself: a motion
-    in progress changes its command by similar amounts in successive rows. Velocity targets and
-    feed-forward torques have the share of noise of the angles.
+    in progress changes its command by similar amounts in successive rows. For velocity targets and
+    feed-forward torques, the noise is scaled by their standard deviation over that of the angles.
     """
     command = channels(log)[name]
     min_step = np.full(log.num_joints, _MIN_STEP * noise)

@@ -11,8 +11,8 @@ MIN_HEIGHT = 0.5  # height of the base after that time over its initial height [
 def standing_warning(scene: Scene, seed: int) -> str:
     """The warning if the robot sinks at its nominal pose; otherwise "".
 
-    The position targets are the nominal pose. Motors and domain are those of the episode of this
-    seed. A robot with a simulation fault gets no warning: the training counts its faults.
+    The position targets are the nominal pose. ``seed`` draws the motors and the domain, as for an
+    episode. A robot with a simulation fault gets no warning: the training counts its faults.
     """
     robot = scene.robot
     motors, domain = scene.sample(seed)

@@ -314,19 +314,22 @@ def binding_windows(
     """
     others = tuple(name for name in terms if name not in limits)
     outputs_without = with_more_terms(outputs, terms, others, runs)
-    searches = []
-    unknowns = []
-    for values, names in ((outputs, terms), (outputs_without, others)):
-        center = 0.5 * (values.min(axis=0) + values.max(axis=0))
-        searches.append(centred_search(center, names, runs))
-        unknowns.append(values - center)
+    search, x = _search_around(outputs, terms, runs)
+    search_without, x_without = _search_around(outputs_without, others, runs)
+    return np.array(
+        [
+            _changes(search, x[motor], search_without, x_without[motor], motor)
+            for motor in range(len(outputs))
+        ]
+    )
 
-    binds = []
-    for motor in range(len(outputs)):
-        binds.append(
-            _changes(searches[0], unknowns[0][motor], searches[1], unknowns[1][motor], motor)
-        )
-    return np.array(binds)
+
+def _search_around(
+    outputs: np.ndarray, terms: tuple[str, ...], runs: WindowRuns
+) -> tuple[Search, np.ndarray]:
+    """The search around the center of decoder outputs (M, K), and their unknowns (M, K)."""
+    center = 0.5 * (outputs.min(axis=0) + outputs.max(axis=0))
+    return centred_search(center, terms, runs), outputs - center
 
 
 def _changes(

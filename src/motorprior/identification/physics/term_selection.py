@@ -21,8 +21,7 @@ passes. Finally every selected term is removed once, and stays out if it does no
 20 %.
 
 Limits of speed, acceleration and torque come first, in rounds of their own: another term could
-stand in for them. They act in few windows, so their losses are those of the held-out windows in
-which they bind.
+stand in for them. They act in few windows, so only the held-out windows in which they bind count.
 """
 
 from collections.abc import Callable, Sequence
