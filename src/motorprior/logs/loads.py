@@ -21,9 +21,6 @@ joint_torque stays: `torque_use` decides whether a fit can use it. The loads hav
 encoders, which differ from the joints by backlash, twist and zero offset.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs; it is imported where it is used, since a robot's own computer has
-# none.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,7 +29,8 @@ from typing import Any, Literal
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.loads_bodies import bodies_of, gravity_in_base
+from motorprior.logs.body_dynamics import BodyDynamics, with_constant_inertia
+from motorprior.logs.loads_bodies import bodies_of
 from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 
@@ -187,38 +185,20 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
             remedy="load it with a period, which computes them from the angles",
         )
 
-    dynamics = _Dynamics(robot)
-    inertia = np.empty_like(log.joint_pos)
-    external = np.empty_like(log.joint_pos)
-    stiffness = np.empty_like(log.joint_pos)
-    axis = np.empty((*log.joint_pos.shape, 3))
-    arm = np.empty((*log.joint_pos.shape, 3))
-    gravity = dynamics.gravity_of(log)
-
-    for segment in log.segment_slices():
-        acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
-        rows = range(segment.start, segment.stop)
-        for row, joint_acc in zip(rows, acceleration, strict=True):
-            dynamics.set_gravity(gravity[row])
-            load = dynamics.load(log.joint_pos[row], log.joint_vel[row], joint_acc)
-            inertia[row], external[row], axis[row], arm[row] = load
-        stiffness[segment] = dynamics.gravity_stiffness(
-            axis[segment], arm[segment], gravity[segment]
-        )
-
-        mean_inertia = inertia[segment].mean(axis=0)
-        external[segment] -= (inertia[segment] - mean_inertia) * acceleration
-        inertia[segment] = mean_inertia
-        # a log has the mean to the next row
-        external[segment][:-1] = 0.5 * (external[segment][:-1] + external[segment][1:])
-
+    model = _fixed_model(robot)
+    dynamics = BodyDynamics(model, range(robot.num_joints))
+    segments = log.segment_slices()
+    loads = dynamics.loads(log, segments, log.joint_pos)
+    for segment in segments:
+        loads = with_constant_inertia(log, [segment], loads)
+    inertia, external, stiffness = loads
     return checked(
         replace(
             log,
             load_inertia=inertia,
             external_torque=external,
             load_stiffness=stiffness,
-            bodies=dynamics.bodies,
+            bodies=bodies_of(model),
             posture=np.full(log.num_rows, POSTURES.index(_posture(robot))),
         )
     )
@@ -241,7 +221,8 @@ def with_torque_balance(log: MotorLog, robot: Robot) -> MotorLog:
         )
 
     at_rest = np.zeros(log.num_joints)
-    inertia = _Dynamics(robot).load(np.median(log.joint_pos, axis=0), at_rest, at_rest)[0]
+    dynamics = BodyDynamics(_fixed_model(robot), range(robot.num_joints))
+    inertia, _ = dynamics.load(np.median(log.joint_pos, axis=0), at_rest, at_rest)
 
     external = np.empty_like(log.joint_pos)
     for segment in log.segment_slices():
@@ -275,7 +256,7 @@ def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.nda
     if robot.base == "free" and log.posture is None:
         return None
 
-    dynamics = _Dynamics(robot)
+    dynamics = BodyDynamics(_fixed_model(robot), range(robot.num_joints))
     dynamics.set_gravity(np.median(dynamics.gravity_of(log), axis=0))
     at_rest = np.zeros(log.num_joints)
 
@@ -285,69 +266,8 @@ def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.nda
     return torque
 
 
-class _Dynamics:
-    """Rigid bodies of a robot whose base is fixed."""
+def _fixed_model(robot: Robot) -> Any:
+    """Compiled model of a robot whose base is fixed."""
+    from motorprior.robots.build_model import build_model
 
-    def __init__(self, robot: Robot):
-        import mujoco
-
-        from motorprior.robots.build_model import build_model
-
-        self._mujoco: Any = mujoco
-        self._model = build_model(robot, suspended=robot.base == "free")
-        self._data = mujoco.MjData(self._model)
-        self._units = np.eye(self._model.nv)
-
-    def gravity_of(self, log: MotorLog) -> np.ndarray:
-        """(T, 3) gravity in the frame of the base in every row [m/s²]."""
-        gravity = np.array(self._model.opt.gravity)
-        if log.base_orientation is None:
-            return np.tile(gravity, (log.num_rows, 1))
-        return gravity_in_base(log.base_orientation, float(np.linalg.norm(gravity)))
-
-    def set_gravity(self, gravity: np.ndarray) -> None:
-        """Set the gravity (3,) in the frame of the base [m/s²]."""
-        self._model.opt.gravity[:] = gravity
-
-    def load(self, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
-        """Load of each joint in one state.
-
-        Returns the load inertia [kg·m²], external torque [N·m], (joints, 3) axis [1] and (joints,
-        3) arm [m]. An arm goes from the joint to the centre of mass of what it carries.
-        """
-        bias = self.bias(joint_pos, joint_vel)
-        column = np.zeros(self._model.nv)
-        inertia = np.zeros(self._model.nv)
-        for joint, unit in enumerate(self._units):
-            self._mujoco.mj_mulM(self._model, self._data, column, unit)
-            inertia[joint] = column[joint]
-
-        # torque of all accelerations, without the joint's own
-        self._mujoco.mj_mulM(self._model, self._data, column, joint_acc)
-        external = -bias - (column - inertia * joint_acc)
-
-        arm = self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
-        return inertia, external, self._data.xaxis, arm
-
-    @property
-    def bodies(self) -> str:
-        """MJCF of joints and inertias."""
-        return bodies_of(self._model)
-
-    def bias(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
-        """(joints,) torque against gravity and Coriolis torques [N·m]; the state stays set."""
-        self._data.qpos[:] = joint_pos
-        self._data.qvel[:] = joint_vel
-        self._mujoco.mj_fwdPosition(self._model, self._data)
-        self._mujoco.mj_fwdVelocity(self._model, self._data)
-        return self._data.qfrc_bias.copy()
-
-    def gravity_stiffness(
-        self, axis: np.ndarray, arm: np.ndarray, gravity: np.ndarray
-    ) -> np.ndarray:
-        """(T, joints) load_stiffness [N·m/rad] at axes and arms (T, joints, 3), gravity (T, 3)."""
-        mass = self._model.body_subtreemass[self._model.jnt_bodyid]
-        weight = mass[:, None] * gravity[:, None]
-        is_hinge = self._model.jnt_type == self._mujoco.mjtJoint.mjJNT_HINGE
-        torque = np.cross(np.cross(axis, arm), weight)
-        return np.where(is_hinge, np.einsum("tji,tji->tj", axis, torque), 0.0)
+    return build_model(robot, suspended=robot.base == "free")

@@ -15,6 +15,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from motorprior.logs.body_dynamics import BodyDynamics, gravity_in_base, with_constant_inertia
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import GRAVITY
 
@@ -51,13 +52,6 @@ class LinkMass:
     inertia: np.ndarray  # (T, J, 3) coefficients c of load_inertia [kg·m²]
     external: np.ndarray  # (T, J, 3) of external_torque [N·m]
     stiffness: np.ndarray  # (T, J, 3) of load_stiffness [N·m/rad]
-
-
-def gravity_in_base(orientation: np.ndarray, magnitude: float) -> np.ndarray:
-    """(…, 3) gravity in the frame of a base with roll and pitch (…, 2) [rad]."""
-    roll, pitch = np.moveaxis(orientation, -1, 0)
-    down = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
-    return magnitude * np.stack(down, axis=-1)
 
 
 def bodies_of(model: Any) -> str:
@@ -169,28 +163,8 @@ def link_masses(
         for segment, pose in zip(segments, poses, strict=True):
             loads[:, segment] = mass * _loads_of_mass(log, segment, pose, arm, link, carries)
 
-        masses[link] = LinkMass(mass, 2.0 * distance, *_with_constant_inertia(log, segments, loads))
+        masses[link] = LinkMass(mass, 2.0 * distance, *with_constant_inertia(log, segments, loads))
     return masses
-
-
-def _with_constant_inertia(
-    log: MotorLog, segments: Sequence[slice], loads: np.ndarray
-) -> np.ndarray:
-    """(3, T, J, …) loads as a log has them, see `loads`.
-
-    The inertia is constant and the rest of it in the external torque, which is the mean to the next
-    row. ``loads`` have the inertia of each row, and the whole torque of the bodies.
-    """
-    assert log.joint_vel is not None
-    inertia, external, stiffness = loads
-    mean_inertia = np.concatenate([inertia[segment] for segment in segments]).mean(axis=0)
-    for segment in segments:
-        acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
-        missing_axes = tuple(range(2, external.ndim))
-        external[segment] += mean_inertia * np.expand_dims(acceleration, missing_axes)
-        external[segment][:-1] = 0.5 * (external[segment][:-1] + external[segment][1:])
-        inertia[segment] = mean_inertia
-    return np.stack([inertia, external, stiffness])
 
 
 def turned_loads(log: MotorLog, segments: Sequence[slice]) -> list[np.ndarray]:
@@ -199,51 +173,20 @@ def turned_loads(log: MotorLog, segments: Sequence[slice]) -> list[np.ndarray]:
     With the joint at its logged angle plus Δ [rad], and the same velocities, inertia, external
     torque and stiffness change by Σ_n c_n·Δⁿ, n from 1. Rows outside of the segments have 0.
     """
-    at_log = _loads_at(log, segments, log.joint_pos)
+    compiled = _compiled(log)
+    assert compiled is not None
+    dynamics = BodyDynamics(*compiled)
+
+    def loads_at(joint_pos: np.ndarray) -> np.ndarray:
+        return with_constant_inertia(log, segments, dynamics.loads(log, segments, joint_pos))
+
+    at_log = loads_at(log.joint_pos)
     inverse_powers = np.linalg.inv(_TURNS[:, None] ** np.arange(1, 1 + TURN_POWERS))
     coefficients = []
     for direction in np.eye(log.num_joints):
-        changes = [
-            _loads_at(log, segments, log.joint_pos + turn * direction) - at_log for turn in _TURNS
-        ]
+        changes = [loads_at(log.joint_pos + turn * direction) - at_log for turn in _TURNS]
         coefficients.append(np.einsum("nk,kctj->ctjn", inverse_powers, np.stack(changes)))
     return coefficients
-
-
-def _loads_at(log: MotorLog, segments: Sequence[slice], joint_pos: np.ndarray) -> np.ndarray:
-    """(3, T, J) loads of the bodies at the angles (T, J), with the velocities of the log."""
-    import mujoco
-
-    compiled = _compiled(log)
-    assert compiled is not None
-    assert log.joint_vel is not None
-    model, order = compiled
-    data = mujoco.MjData(model)
-    is_hinge = model.jnt_type[order] == mujoco.mjtJoint.mjJNT_HINGE
-    mass = model.body_subtreemass[model.jnt_bodyid[order]][:, None]
-    units = np.eye(model.nv)
-    columns = np.empty((model.nv, model.nv))
-    loads = np.zeros((3, log.num_rows, log.num_joints))
-    for segment in segments:
-        acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
-        for row, joint_acc in zip(range(log.num_rows)[segment], acceleration, strict=True):
-            if log.base_orientation is not None:
-                model.opt.gravity[:] = gravity_in_base(log.base_orientation[row], GRAVITY)
-            data.qpos[order] = joint_pos[row]
-            data.qvel[order] = log.joint_vel[row]
-            data.qacc[order] = joint_acc
-            mujoco.mj_inverse(model, data)
-
-            for column, unit in zip(columns, units, strict=True):
-                mujoco.mj_mulM(model, data, column, unit)
-            axis = data.xaxis[order]
-            arm = (data.subtree_com[model.jnt_bodyid] - data.xanchor)[order]
-            weight = mass * model.opt.gravity
-            twice_turned = np.cross(axis, np.cross(axis, arm))
-            loads[0, row] = np.diag(columns)[order]
-            loads[1, row] = -data.qfrc_inverse[order]
-            loads[2, row] = np.where(is_hinge, np.sum(twice_turned * weight, axis=1), 0.0)
-    return _with_constant_inertia(log, segments, loads)
 
 
 @dataclass(frozen=True)
@@ -285,7 +228,7 @@ def _loads_of_mass(
     """(3, N, J, 3) coefficients of inertia, torque and stiffness of 1 kg at d·``arm`` of a link.
 
     With the velocity dp = Σ_j J_j·dq_j of the mass, its inertia about joint j is J_j², and its
-    torque on it is -J_j·(d²p - g), of which J_j²·d²q_j is not yet taken out.
+    torque on it is -J_j·(d²p - g) + J_j²·d²q_j.
     """
     # J and the acceleration are linear in the distance d of the mass from the joint
     assert log.joint_vel is not None
@@ -314,10 +257,15 @@ def _loads_of_mass(
         2.0 * product(jacobian, jacobian_slope),
         product(jacobian_slope, jacobian_slope),
     ]
-    external = [
+    whole_torque = [
         -product(jacobian, acceleration),
         -product(jacobian, acceleration_slope) - product(jacobian_slope, acceleration),
         -product(jacobian_slope, acceleration_slope),
+    ]
+    ddq = np.gradient(dq, time, axis=0)
+    external = [
+        torque + own_inertia * ddq
+        for torque, own_inertia in zip(whole_torque, inertia, strict=True)
     ]
     stiffness = []
     for part in (jacobian, jacobian_slope):
