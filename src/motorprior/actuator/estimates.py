@@ -92,7 +92,7 @@ class Estimates:
     # (M, P) scales s [SI]; of a limit, the largest value that the log reached
     scale: np.ndarray
 
-    def contradicted(self, deviations: np.ndarray) -> "Estimates":
+    def with_more_variance(self, deviations: np.ndarray) -> "Estimates":
         """The estimates with variances that are larger by the squares of deviations (M, P).
 
         Deviations are distances of outliers from the other motors of the same model, or UNKNOWN_STD

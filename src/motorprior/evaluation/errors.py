@@ -48,6 +48,7 @@ SIMPLER_MODELS = (
     "stribeck",
     PER_MOTOR,
 )
+PREFER_IT = "prefer it there"  # remedy for a model with larger errors than a simpler one
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which samples of a prior vary more
 MIN_ADVANTAGE = 0.1  # share by which the error of a simpler model must be smaller
 # error [rad] that no model can explain; an encoder of 12 bits resolves 1.5 mrad
@@ -155,7 +156,7 @@ class LogErrors:
         with np.errstate(invalid="ignore"):
             return np.nansum(errors, axis=0) / np.isfinite(errors).sum(axis=0)
 
-    def warnings(self, model: str, remedy: str = "prefer it there") -> list[str]:
+    def warnings(self, model: str, remedy: str = PREFER_IT) -> list[str]:
         """Warnings that simpler models have errors that are smaller by more than MIN_ADVANTAGE."""
         mean = {name: 1e3 * float(np.nanmean(values)) for name, values in self.models.items()}
         logs = shorten(", ".join(self.logs), 200, placeholder=" …")
@@ -175,7 +176,7 @@ def evaluate_replay(
     log: MotorLog,
     recipe: Recipe,
     progress: Progress,
-    remedy: str = "prefer it there",
+    remedy: str = PREFER_IT,
 ) -> LogErrors:
     """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to.
 

@@ -72,11 +72,11 @@ def fit_grey_boxes(
     is_slow = np.isin(data.joint_names, data.slow_commands)
     if is_slow.any():
         # the logged commands are not those that moved the joint
-        estimates = estimates.contradicted(UNKNOWN_STD * is_slow[:, None] * ~fixed)
+        estimates = estimates.with_more_variance(UNKNOWN_STD * is_slow[:, None] * ~fixed)
     level = level_of_logs(runs, fits.center, fits.terms)
     if level is not None:
         deviations = sibling_deviations(level, z, fixed)
-        estimates = estimates.contradicted(deviations)
+        estimates = estimates.with_more_variance(deviations)
         notes += outlier_notes(model, z, deviations, data)
     metrics, warnings = identifiability(model, z, longer, estimates, data.joint_names, level)
     metrics = replace(metrics, saved_loss=selection.saved)

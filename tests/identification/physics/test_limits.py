@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.identification.physics.limits import with_decided_limits
+from motorprior.identification.physics.limits import LimitedMotors, with_decided_limits
 from motorprior.identification.physics.motor_fit import fit_motors
 from motorprior.identification.physics.motor_problem import (
     centred_search,
@@ -94,4 +94,5 @@ def test_a_low_limit_that_all_siblings_exceed_is_off(decoder_data: Data):
 
 def decided(runs: WindowRuns, center: np.ndarray, x: np.ndarray, groups: np.ndarray) -> np.ndarray:
     search = centred_search(center, (), runs)
-    return with_decided_limits(search, center, (), runs, x, fixed_constants((), runs), groups)
+    motors = LimitedMotors(search, center, (), runs, fixed_constants((), runs), groups)
+    return with_decided_limits(motors, x)

@@ -24,6 +24,7 @@ could saturate in other motions. A limit that the maker states is never off.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -65,89 +66,64 @@ ACCELERATION_RANGE = (2e-3, 0.5)
 PROPOSAL_STEPS = ((10, WIDE),)
 
 
-def with_decided_limits(
-    search: Search,
-    center: np.ndarray,
-    terms: tuple[str, ...],
-    runs: WindowRuns,
-    x: np.ndarray,
-    fixed: np.ndarray,
-    groups: np.ndarray,
-    level: ModelLevel | None = None,
-) -> np.ndarray:
-    """(M, K) unknowns x (M, K) of a fit, with the limits that the logs identify.
+@dataclass(frozen=True)
+class LimitedMotors:
+    """M motors whose limits are decided."""
 
-    Args:
-        search: of the motors' problems, on ``runs``.
-        center: (K,) decoder outputs of the central motor.
-        terms: optional terms of the motors.
-        runs: free runs over the logs.
-        x: unknowns of the fit.
-        fixed: (K,) mask of the constants that are not fitted.
-        groups: (M,) motors of one group are siblings.
-        level: motor models, near whose means the motors stay.
-    """
+    search: Search  # of the motors' problems, on ``runs``
+    center: np.ndarray  # (K,) decoder outputs of the central motor
+    terms: tuple[str, ...]  # optional terms of the motors
+    runs: WindowRuns  # free runs over the logs
+    fixed: np.ndarray  # (K,) mask of the constants that are not fitted
+    groups: np.ndarray  # (M,) motors of one group are siblings
+    level: ModelLevel | None = None  # motor models, near whose means the motors stay
+
+
+def with_decided_limits(motors: LimitedMotors, x: np.ndarray) -> np.ndarray:
+    """(M, K) unknowns x (M, K) of a fit, with the limits that the logs identify."""
     x = np.clip(x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-    names = parameters_of(terms)
+    names = parameters_of(motors.terms)
     for name in ("torque_limit", *SPEED_LIMITS, "profile_acceleration"):
         if name not in names:
             continue
         column = names.index(name)
-        is_stated = level is not None and level.is_stated[:, column].all()
-        if fixed[column] or is_stated or _off_value(name, center, terms, runs, x) == 0.0:
+        is_stated = motors.level is not None and motors.level.is_stated[:, column].all()
+        if motors.fixed[column] or is_stated or _off_value(name, motors, x) == 0.0:
             continue
-        x = _LimitDecision(search, center, terms, runs, x, fixed, groups, level, name).decided()
+        x = _LimitDecision(motors, x, name).decided()
     return x
 
 
-def _off_value(
-    name: str, center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, x: np.ndarray
-) -> float:
+def _off_value(name: str, motors: LimitedMotors, x: np.ndarray) -> float:
     """Value of a limit that is off; 0 if the logs do not move."""
     if name == "profile_acceleration":
         return NEGLIGIBLE[name]
     if name in SPEED_LIMITS:
-        return DISABLED_LIMIT_FACTOR * runs.max_speed
-    kp = parameters_of(terms).index("kp")
-    requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request  # (M,) [N·m]
+        return DISABLED_LIMIT_FACTOR * motors.runs.max_speed
+    kp = parameters_of(motors.terms).index("kp")
+    requested_torque = np.exp(motors.center[kp] + x[:, kp]) * motors.runs.max_request  # (M,) [N·m]
     return DISABLED_LIMIT_FACTOR * float(requested_torque.max())
 
 
 class _LimitDecision:
-    """Decision on one limit of all motors; arguments as for `with_decided_limits`."""
+    """Decision on one limit of all motors, from the unknowns x (M, K) of a fit."""
 
-    def __init__(
-        self,
-        search: Search,
-        center: np.ndarray,
-        terms: tuple[str, ...],
-        runs: WindowRuns,
-        x: np.ndarray,
-        fixed: np.ndarray,
-        groups: np.ndarray,
-        level: ModelLevel | None,
-        name: str,
-    ):
-        names = parameters_of(terms)
-        self._search = search
+    def __init__(self, motors: LimitedMotors, x: np.ndarray, name: str):
+        names = parameters_of(motors.terms)
+        self._motors = motors
+        self._search = motors.search
         self._x = x
-        self._fixed = fixed
-        self._level = level
         self._column = names.index(name)
         self._is_limit = np.arange(len(names)) == self._column
-        self._groups = groups
 
-        log_off = np.log(_off_value(name, center, terms, runs, x)) - center[self._column]
+        center = motors.center
+        log_off = np.log(_off_value(name, motors, x)) - center[self._column]
         self._off = np.clip(log_off, x[:, self._column], MAX_LOG_FACTOR)
         values = {key: np.exp(center[index] + x[:, index]) for index, key in enumerate(names)}
-        reached = effect_scale(name, values, runs)  # (M,)
+        reached = effect_scale(name, values, motors.runs)  # (M,)
         with np.errstate(divide="ignore"):
             self._log_reached = np.log(reached) - center[self._column]
         self._scan = _scan(name, self._log_reached, center[self._column])
-
-        self._center = center
-        self._terms = terms
-        self._runs = runs
 
     def decided(self) -> np.ndarray:
         """(M, K) unknowns with the limit decided."""
@@ -159,7 +135,7 @@ class _LimitDecision:
         without_limit = off.copy()
         is_test = np.zeros(binds.shape, bool)
         for motor in np.flatnonzero(binds.any(axis=1)).tolist():
-            is_test[motor] = is_held_out(self._runs, binds[motor])
+            is_test[motor] = is_held_out(self._motors.runs, binds[motor])
             fits = self._fitted_to_rest(motor, proposed, off, is_test[motor])
             with_limit[motor], without_limit[motor] = fits
 
@@ -193,7 +169,7 @@ class _LimitDecision:
         count = self._scan.shape[1]
         starts = np.repeat(self._x[None], count, axis=0)  # (SCANNED, M, K)
         starts[:, :, self._column] = self._scan.T
-        prior = self._prior(self._x, np.broadcast_to(self._fixed, self._x.shape))
+        prior = self._prior(self._x, np.broadcast_to(self._motors.fixed, self._x.shape))
         prior.precision[:, self._column] = 0.0
         size = starts.shape[-1]
         fit = self._search.at(self._x, prior)
@@ -207,10 +183,10 @@ class _LimitDecision:
     def _prior(self, start: np.ndarray, frozen: np.ndarray) -> GaussianPrior:
         """Prior of the motors, which are ``frozen`` (M, K) at ``start`` (M, K) or near it."""
         prior = GaussianPrior(start, np.where(frozen, FIXED, WEAK_PRECISION))
-        if self._level is None:
+        if self._motors.level is None:
             return prior
         scale = likelihood_scale(self._search, self._search.losses(self._x))
-        near_siblings = self._level.prior_of(self._x, scale, self._fixed)
+        near_siblings = self._motors.level.prior_of(self._x, scale, self._motors.fixed)
         return GaussianPrior(
             np.where(frozen, start, near_siblings.mean),
             np.where(frozen, FIXED, near_siblings.precision),
@@ -223,9 +199,10 @@ class _LimitDecision:
 
         ``proposed`` and ``off`` (M, K) are the starts; ``is_test`` (N,) are the held-out windows.
         """
-        is_training = np.zeros(self._runs.windows, bool)
-        is_training[self._runs.counted[~is_test]] = True
-        search = centred_search(self._center, self._terms, self._runs.counting(is_training))
+        is_training = np.zeros(self._motors.runs.windows, bool)
+        is_training[self._motors.runs.counted[~is_test]] = True
+        runs = self._motors.runs.counting(is_training)
+        search = centred_search(self._motors.center, self._motors.terms, runs)
         problem = np.array([motor])
         free = np.zeros(len(off), bool)
         with_limit = self._descended(search, proposed, free, problem)
@@ -239,7 +216,7 @@ class _LimitDecision:
 
         The limit of motors in ``holds_limit`` (M,) is fixed.
         """
-        frozen = self._fixed | (holds_limit[:, None] & self._is_limit)
+        frozen = self._motors.fixed | (holds_limit[:, None] & self._is_limit)
         prior = self._prior(start, frozen)
         x = search.descend(start[motors], prior, RIGID_STEPS, motors).x
         return np.clip(np.where(frozen[motors], start[motors], x), -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
@@ -268,7 +245,7 @@ class _LimitDecision:
         if len(own_test) >= MIN_BINDING:
             return own_test.mean() > MIN_LOG_RATIO or _is_significant(own_test)
 
-        siblings = self._groups == self._groups[motor]
+        siblings = self._motors.groups == self._motors.groups[motor]
         of_siblings = ratios[binds & is_test & siblings[:, None]]
         if len(own) and len(of_siblings) >= MIN_BINDING and _is_significant(of_siblings):
             return own.mean() > 0.0
@@ -283,14 +260,14 @@ class _LimitDecision:
         limit has at least the one that its log reached.
         """
         shift = np.zeros(len(value))
-        if self._level is not None:
-            shift = self._level.shift[:, self._column]
+        if self._motors.level is not None:
+            shift = self._motors.level.shift[:, self._column]
         own = value - shift
         lower_bound = np.where(kept, value, self._log_reached) - shift
         contradicted = np.zeros(len(value), bool)
         suggested = value.copy()
         for motor in np.flatnonzero(kept):
-            is_sibling = self._groups == self._groups[motor]
+            is_sibling = self._motors.groups == self._motors.groups[motor]
             is_sibling[motor] = False
             if not is_sibling.any():
                 continue

@@ -35,7 +35,7 @@ from motorprior.identification.physics.descents import (
     reachable,
 )
 from motorprior.identification.physics.effect_scales import effect_scale
-from motorprior.identification.physics.limits import with_decided_limits
+from motorprior.identification.physics.limits import LimitedMotors, with_decided_limits
 from motorprior.identification.physics.motor_model_fit import (
     fitted_with_models,
     level_of_logs,
@@ -155,7 +155,8 @@ def fit_motors(
     groups = search.all_problems
     if together:
         groups = runs.classes if level is None else level.index
-    x = with_decided_limits(search, center, terms, runs, fit.x, fixed, groups, level)
+    motors = LimitedMotors(search, center, terms, runs, fixed, groups, level)
+    x = with_decided_limits(motors, fit.x)
     x = np.where(fixed, 0.0, x)
 
     # move the centre to a point from which the decoder reaches every motor

@@ -264,6 +264,11 @@ def terms_without_variation(runs: WindowRuns) -> tuple[str, ...]:
 def _saved(without: _EvaluatedFit, fit: _EvaluatedFit, added: Group) -> float:
     """Share of the held-out loss that a fit with ``added`` terms saves, median over the motors."""
     by_motor, _ = _savings(without, fit, added)
+    return _median_share(by_motor)
+
+
+def _median_share(by_motor: np.ndarray) -> float:
+    """Share of the loss that is saved, median over logarithms of ratios; 0 without any."""
     return 1.0 - float(np.exp(-np.median(by_motor))) if len(by_motor) else 0.0
 
 
@@ -276,7 +281,7 @@ def _saves_enough(without: _EvaluatedFit, fit: _EvaluatedFit, added: Group, leve
     if len(savings) < _MIN_RANKS or not savings.any():
         return False
     p_value = float(cast(Any, wilcoxon(savings, alternative="greater")).pvalue)
-    return _saved(without, fit, added) > MIN_SAVING and p_value < level
+    return _median_share(by_motor) > MIN_SAVING and p_value < level
 
 
 def _savings(
