@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from motor_logs import joints_of, log_of
 
-from motorprior.logs.body_dynamics import gravity_in_base
 from motorprior.logs.loads import with_loads
+from motorprior.logs.loads_dynamics import gravity_in_base
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import GRAVITY, Robot

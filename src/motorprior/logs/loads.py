@@ -29,8 +29,8 @@ from typing import Any, Literal
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.body_dynamics import BodyDynamics, with_constant_inertia
 from motorprior.logs.loads_bodies import bodies_of
+from motorprior.logs.loads_dynamics import BodyDynamics, with_constant_inertia
 from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 

@@ -15,7 +15,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from motorprior.logs.body_dynamics import BodyDynamics, gravity_in_base, with_constant_inertia
+from motorprior.logs.loads_dynamics import BodyDynamics, gravity_in_base, with_constant_inertia
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import GRAVITY
 
