@@ -254,7 +254,7 @@ def test_a_part_that_the_model_of_the_load_lacks_is_named_with_its_mass(tmp_path
 TILT = np.deg2rad(20.0)
 
 
-@pytest.mark.parametrize(("axes", "states_gains"), [("yx", False), ("yy", True)])
+@pytest.mark.parametrize(("axes", "states_gains"), [("yx", False), ("yx", True), ("yy", True)])
 def test_the_roll_of_a_tilted_base_is_named(axes: str, states_gains: bool, tmp_path: Path):
     arm = two_link_arm.robot_of(tmp_path, axes=axes)
     log = two_link_arm.swing(

@@ -284,6 +284,17 @@ class Attempts:
                 half_widths[joint] = self._half_widths(x[joint], joint, attempt)
         return replace(attempt, unknowns=x, errors=errors, half_widths=half_widths)
 
+    def with_signs(self, attempt: Attempt, joints: np.ndarray, signs: np.ndarray) -> Attempt:
+        """The refined attempt of some ``joints``, with these signs (P,) of their parameters."""
+        size = len(attempt.units)
+        x = attempt.unknowns.copy()
+        x[joints, -size:] = signs * np.abs(x[joints, -size:])
+        half_widths = np.full((len(x), size), np.inf)
+        for joint in joints.tolist():
+            half_widths[joint] = self._half_widths(x[joint], joint, attempt)
+        errors = self._errors(attempt.problem, x, joints)
+        return replace(attempt, unknowns=x, errors=errors, half_widths=half_widths)
+
     def _fixed(self, explanation: Explanation | None) -> tuple[np.ndarray, np.ndarray]:
         """(K,) mask of constants that are not fitted, and (M, K) motors to start from."""
         if explanation is None:

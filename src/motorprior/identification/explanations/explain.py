@@ -65,6 +65,7 @@ class Trial:
     units: tuple[float, ...]  # of the parameters
     smallest: tuple[float, ...]  # parameters that count
     is_shared: bool
+    is_even: bool  # see `Explanation`
     attempt: Attempt
     # (joint, estimate) -> problem and remedy
     describe: Callable[[int, Estimate], tuple[str, str]]
@@ -267,9 +268,33 @@ def _refined(attempts: Attempts, begun: list[Trial], errors: np.ndarray) -> list
     trials = []
     for trial, joints, best in zip(begun, is_promising, is_best, strict=True):
         if best.any():
-            attempt = attempts.refined(trial.attempt, np.flatnonzero(joints))
+            indices = np.flatnonzero(joints)
+            attempt = attempts.refined(trial.attempt, indices)
+            if trial.is_shared and trial.is_even:
+                attempt = _with_common_signs(attempts, attempt, indices)
             trials.append(replace(trial, attempt=attempt))
     return trials
+
+
+def _with_common_signs(attempts: Attempts, attempt: Attempt, joints: np.ndarray) -> Attempt:
+    """The attempt with the same signs of the parameters of all ``joints`` that allow them.
+
+    A joint whose error is the same with either sign may have the sign that another joint excludes.
+    """
+    signs = np.unique(np.sign(attempt.values[joints]), axis=0)
+    if len(signs) == 1:
+        return attempt
+
+    changed = [attempts.with_signs(attempt, joints, of_all) for of_all in signs]
+    best = min(changed, key=lambda with_signs: float(rms(with_signs.errors[joints])))
+    is_equal = best.errors <= np.maximum(_EQUAL * attempt.errors, attempt.errors + _EQUAL_ERROR)
+    assert attempt.half_widths is not None and best.half_widths is not None
+    return replace(
+        attempt,
+        unknowns=np.where(is_equal[:, None], best.unknowns, attempt.unknowns),
+        errors=np.where(is_equal, best.errors, attempt.errors),
+        half_widths=np.where(is_equal[:, None], best.half_widths, attempt.half_widths),
+    )
 
 
 def _screened(
@@ -341,7 +366,14 @@ def _input_trial(attempts: Attempts, candidate: ChangedRows, facts: Facts) -> Tr
     name = explanation.name if scope is None else f"{explanation.name} of log {scope}"
     is_shared = explanation.is_shared or turned is not None
     return Trial(
-        name, explanation.units, explanation.smallest, is_shared, attempt, describe, turned
+        name,
+        explanation.units,
+        explanation.smallest,
+        is_shared,
+        explanation.is_even,
+        attempt,
+        describe,
+        turned,
     )
 
 
@@ -389,7 +421,7 @@ def _row_trial(
         where = f"from {recipe.period * rows[0]:.3g} s to {recipe.period * rows[-1]:.3g} s"
         return explanation.problem.format(seconds=seconds, where=where), explanation.remedy
 
-    return Trial(explanation.name, (), (), False, attempt, describe)
+    return Trial(explanation.name, (), (), False, False, attempt, describe)
 
 
 def causes_of(errors: np.ndarray, trials: Sequence[Trial]) -> list[Explained]:
