@@ -18,6 +18,10 @@ _SMOOTHING = 0.04  # window of the derivatives [s]
 _MAX_LAG = 0.03  # [s]
 _SLOW = 0.05  # speed below which friction changes its sign gradually [rad/s]
 _MIN_ROWS = 50  # of a segment
+MIN_EXPLAINED = 0.7  # share of the column's variance that the load must explain
+# A lag that is at least this long is not an error of the regression [s]. Right columns of simulated
+# arms, with rows every 2 to 20 ms, have up to 4 ms.
+_MIN_LAG = 0.006
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,12 @@ class TorqueColumn:
     rotor_inertia: float  # I [kg·m²]
     friction: float  # f [N·m]
     explained: float  # share of the column's variance [-]
+
+    @property
+    def contradicts_load(self) -> bool:
+        """Whether the column has the sign of the load reversed, or is late or early."""
+        is_shifted = abs(self.lag) >= _MIN_LAG
+        return self.explained >= MIN_EXPLAINED and (self.factor < 0.0 or is_shifted)
 
     def __str__(self) -> str:
         place = ""

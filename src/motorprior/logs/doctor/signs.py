@@ -10,7 +10,7 @@ from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.response import MIN_REVERSALS, reversals
 from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.torque_column import torque_column
+from motorprior.logs.torque_column import MIN_EXPLAINED, torque_column
 from motorprior.robots.robot import Robot
 
 # maximum fitted offset between angle and command [rad]; a larger offset would absorb the effect of
@@ -22,7 +22,6 @@ MIN_REDUCTION = 0.25
 MIN_RMS = 2e-3  # minimum root-mean-square error, and minimum of its reduction [rad]
 MIN_ROWS = 20  # minimum rows of steady motion, and of a window with a known load
 MAX_FACTOR = 1.2  # of joint_torque on the torque of the load, either way [-]
-MIN_EXPLAINED = 0.7  # share of the variance of joint_torque that the load must explain
 _REVERSE = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
 
 
