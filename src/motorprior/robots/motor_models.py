@@ -67,6 +67,28 @@ def _is_stated(value: Any) -> bool:
     return is_pair and is_number(value[0], 1e-12, 1e9) and is_number(value[1], 1e-3, 3.0)
 
 
+# Stall torques of servos by their makers [N·m]: XL330 at 5 V, XL-320 at 7.4 V, others at 12 V;
+# ROBOTIS e-Manual, and Feetech for the STS3215. Lower case names are those of Rhoban/bam.
+_STALL_TORQUES = {
+    "xl330": 0.52,
+    "XL330-M288": 0.52,
+    "xl320": 0.39,
+    "mx64": 6.0,
+    "mx106": 8.4,
+    "Feetech STS3215": 2.94,
+}
+# Standard deviation of the logarithm of a torque limit about the stall torque: assumption. The
+# supply, the firmware's limits of duty and current, and friction change it.
+_STALL_TORQUE_STD = 0.3
+
+
+def known_motor(name: str) -> MotorModel | None:
+    """The motor of this name, if its maker states the stall torque."""
+    if name not in _STALL_TORQUES:
+        return None
+    return MotorModel(name, torque_limit=StatedValue(_STALL_TORQUES[name], _STALL_TORQUE_STD))
+
+
 _STATED = Field("[value, standard deviation of its logarithm, 0.001 to 3]", _is_stated)
 _GEAR = Field("a number from 0.001 to 1000", lambda value: is_number(value, 1e-3, 1e3))
 _GEARS = Field(

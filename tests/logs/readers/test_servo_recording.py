@@ -52,6 +52,7 @@ def test_a_pendulum_has_its_load(tmp_path: Path):
     np.testing.assert_allclose(log.load_inertia, (0.5 + 0.02) * 0.01)
     torque = -(0.5 + 0.03) * 9.81 * 0.1 * np.sin(log.joint_pos)
     np.testing.assert_allclose(log.external_torque, torque)
+    assert [model.name for model in log.motor_models] == ["Feetech STS3215"]
 
 
 def test_a_cut_last_line_is_ignored(tmp_path: Path):

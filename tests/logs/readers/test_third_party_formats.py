@@ -52,6 +52,13 @@ def test_a_log_of_a_pendulum_has_its_load(tmp_path: Path):
     assert set(log.logged_kp[:, 0]) == {100.0}
 
 
+def test_a_pendulum_states_the_stall_torque_of_a_known_motor(tmp_path: Path):
+    (model,) = read_log(write_bam(tmp_path)).motor_models
+    assert model.torque_limit is not None
+    assert model.torque_limit.value == 0.52
+    assert read_log(write_bam(tmp_path, motor="unknown")).motor_models == ()
+
+
 def test_a_pendulum_has_the_voltage_and_temperature_of_its_rows_or_else_its_supply(tmp_path: Path):
     supplied = read_log(write_bam(tmp_path))
     assert supplied.supply_voltage is not None

@@ -11,6 +11,7 @@ of ``arm_mass`` (a uniform rod),
 
 and load_stiffness is the derivative of the latter. Rows with the torque off are dropped; a segment
 ends there. The servos of these recordings measure and control the angle of their output shaft.
+The makers of some state their stall torque (`known_motor`).
 """
 
 import json
@@ -25,6 +26,7 @@ from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import NUMBER, OPERATING_CONDITIONS, MotorLog, bad_value, checked
+from motorprior.robots.motor_models import known_motor
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.signals import runs_of_true
 
@@ -57,6 +59,8 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
     if any(entry.get("speed") is not None for entry in entries):
         measured["joint_vel"] = _column(entries, "speed", path)
 
+    motor = str(content.get("motor", ""))
+    model = known_motor(motor)
     log = MotorLog(
         time=_column(entries, "timestamp", path)[:, 0],
         position_target=_column(goals, "goal_position", path),
@@ -70,7 +74,8 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
         firmware={"output_encoder": 1.0},
         joint_names=("pendulum",),
         robot="pendulum",
-        motor=str(content.get("motor", "")),
+        motor=motor,
+        motor_models=(model,) if model else (),
         source=str(path),
     )
     return _with_torque_on(checked(log), enabled, path)

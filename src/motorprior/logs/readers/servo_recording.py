@@ -27,6 +27,7 @@ from motorprior.logs.motor_log import (
 )
 from motorprior.logs.operations import GAP_FACTOR, resample, smooth_on_grid
 from motorprior.logs.readers.deploy_recording import Mode
+from motorprior.robots.motor_models import known_motor
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import Schema
 from motorprior.signals import mean_command
@@ -157,6 +158,7 @@ def _excited(
     columns = np.split(table[:, len(_CLOCKS) :], len(_SERIES), axis=1)
     series = dict(zip(_SERIES, columns, strict=True))
     gains = np.array(header["p_gains"])
+    model = known_motor(header["motor"])
     log = MotorLog(
         time=table[:, 0],
         position_target=series["position_target"],
@@ -173,6 +175,7 @@ def _excited(
         given_classes=tuple(header["joint_classes"]),
         robot=header["robot"],
         motor=header["motor"],
+        motor_models=(model,) * len(names) if model else (),
         source=str(path),
         encoder=header["encoder"],
     )
