@@ -157,7 +157,7 @@ def _with_useful_terms(
         if round_number == 0:
             for (name, *more), fit in screened.items():
                 if not more:
-                    report(f"{name}: saves {100 * _saved(best, fit, (name,)):.0f} %")
+                    report(_saving_text(name, _saved(best, fit, (name,))))
 
         simplest = {group: fits.simplest_with(rigid, group) for group in groups}
         finalists = _finalists(fits, screened, simplest)
@@ -194,8 +194,13 @@ def _without_useless_terms(
         saved[name] = _saved(without, best, (name,))
         if not _saves_enough(without, best, (name,), _REMOVAL_LEVEL):
             best = without
-        report(f"{name}: saves {100 * saved[name]:.0f} %")
+        report(_saving_text(name, saved[name]))
     return best
+
+
+def _saving_text(name: str, share: float) -> str:
+    """A line of progress on the share of the held-out loss that a term saves."""
+    return f"{name}: saves {100 * share:.0f} %" if share > 0.0 else f"{name}: saves nothing"
 
 
 def _groups(candidates: Sequence[str], selected: tuple[str, ...]) -> list[Group]:
