@@ -273,6 +273,7 @@ def picture(figures: Mapping[str, float], settings: Settings) -> bytes:
     figure = new_figure(4.6)
     grid = panels(figure, len(QUANTITIES), len(ENVIRONMENTS), sharex=True, sharey="row")
     labels = {"upright": "time upright [-]", "speed": "speed [m/s]"}
+    spreads = sorted(settings.spreads)
     for (row, quantity), (column, environment) in product(
         enumerate(QUANTITIES), enumerate(ENVIRONMENTS)
     ):
@@ -280,13 +281,13 @@ def picture(figures: Mapping[str, float], settings: Settings) -> bytes:
         for number, condition in enumerate(settings.conditions):
             cells = [
                 f"spread_{spread:g}/{environment}/{condition}/{quantity}"
-                for spread in settings.spreads
+                for spread in spreads
             ]
             values = np.array([figures.get(cell, np.nan) for cell in cells])
             low = np.array([figures.get(f"{cell}/low", np.nan) for cell in cells])
             high = np.array([figures.get(f"{cell}/high", np.nan) for cell in cells])
             # beside each other, so that intervals do not hide each other
-            x = np.array(settings.spreads) + 0.06 * (number - 0.5 * len(settings.conditions))
+            x = np.array(spreads) + 0.06 * (number - 0.5 * len(settings.conditions))
             line = model_line(axes, x, values, condition)
             line.set_marker("o")
             line.set_markersize(3.0)
