@@ -280,8 +280,7 @@ def picture(figures: Mapping[str, float], settings: Settings) -> bytes:
         axes = grid[row, column]
         for number, condition in enumerate(settings.conditions):
             cells = [
-                f"spread_{spread:g}/{environment}/{condition}/{quantity}"
-                for spread in spreads
+                f"spread_{spread:g}/{environment}/{condition}/{quantity}" for spread in spreads
             ]
             values = np.array([figures.get(cell, np.nan) for cell in cells])
             low = np.array([figures.get(f"{cell}/low", np.nan) for cell in cells])
