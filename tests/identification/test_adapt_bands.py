@@ -3,15 +3,28 @@
 from collections.abc import Callable
 
 import numpy as np
-from grey_boxes import METRICS
 from motor_logs import log_of
 
+from motorprior.actuator.fit_metrics import (
+    RESIDUAL_LEVELS,
+    SPEED_POOLS,
+    FitMetrics,
+    LossStatistics,
+)
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.evaluation.training_errors import residual_scale
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.operations import moved
 from motorprior.priors.adapt import adapt_to
+
+PERCENTILES = tuple(1e-3 * (level - 50) / 45 for level in RESIDUAL_LEVELS)
+METRICS = FitMetrics(
+    losses=LossStatistics(
+        mean=1.0, log_mean=0.0, log_std=0.1, motors=4, blocks=3.0, block_variance=0.1
+    ),
+    residual_percentiles=(PERCENTILES,) * len(SPEED_POOLS),
+)
 
 
 def test_a_static_joint_keeps_its_prior(grey_box: Callable[..., GreyBox]):

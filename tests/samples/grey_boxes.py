@@ -2,12 +2,6 @@
 
 import numpy as np
 
-from motorprior.actuator.fit_metrics import (
-    RESIDUAL_LEVELS,
-    SPEED_POOLS,
-    FitMetrics,
-    LossStatistics,
-)
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import INITIAL, SIGNED
@@ -28,16 +22,6 @@ SMALL_SERVO = {
     "gear_damping": 0.03,
 }
 """Constants of the central motor in SI units."""
-
-
-PERCENTILES = tuple(1e-3 * (level - 50) / 45 for level in RESIDUAL_LEVELS)
-METRICS = FitMetrics(
-    losses=LossStatistics(
-        mean=1.0, log_mean=0.0, log_std=0.1, motors=4, blocks=3.0, block_variance=0.1
-    ),
-    residual_percentiles=(PERCENTILES,) * len(SPEED_POOLS),
-)
-"""Measures of a prior to which motors can be adapted."""
 
 
 def make_grey_box(

@@ -11,9 +11,8 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
-from motorprior.evaluation.errors import capped, evaluate_replay, notes_on_log, replay_errors
+from motorprior.evaluation.errors import evaluate_replay, notes_on_log, replay_errors
 from motorprior.evaluation.outliers import Outliers, loss_p_value, outliers
-from motorprior.evaluation.splits import MIN_SECONDS
 from motorprior.evaluation.training_errors import residual_scale, windows_per_block
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
@@ -21,11 +20,10 @@ from motorprior.identification.presets import Recipe, recipe_of
 from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.command_modes import unmeasured_scales
 from motorprior.logs.motor_log import MotorLog, checked
-from motorprior.logs.operations import excited_joints, moved, train_test_halves
+from motorprior.logs.operations import moved
 from motorprior.priors.fit_prior import trained_on
 from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import PYTHON_WARNINGS, SILENT, Progress
-from motorprior.signals import rms
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # A motor is weak if its kp is below both of two bounds: a share of the central motor's kp [-], and
@@ -36,9 +34,6 @@ WEAK_MOTOR_SHARE = 0.7
 WEAK_ROBOT_SHARE = 0.85
 _WEAK_MOTOR_DEVIATIONS = 2.93
 _WEAK_ROBOT_DEVIATIONS = 1.33
-# An adaptation harms a joint if it raises the joint's error on other rows by more than both.
-MAX_GROWTH = 1.1  # factor
-MIN_HARM = 5e-4  # [rad]
 _OTHER_MOTORS = "the prior is of other motors: fit this log itself with mp.fit_prior (identify)"
 
 
@@ -136,54 +131,9 @@ def _report_fit(
     if isinstance(prior.model, GreyBox):
         motors = prior.model.motors(posterior.mean)
         evaluate_replay(motors, None, log, recipe, progress, _OTHER_MOTORS)
-        _warn_of_harm(prior, log, progress)
     advice = advice_on_weak_motors(prior, log.joint_names, posterior.mean)
     if advice:
         progress.note(advice)
-
-
-def _warn_of_harm(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
-    """Warn of joints that an adaptation to half of the log makes worse on the other half."""
-    harmed = harmed_joints(prior, log)
-    if not harmed:
-        return
-    texts = [
-        f"{name} {1e3 * adapted:.1f} instead of {1e3 * unadapted:.1f} mrad"
-        for name, (unadapted, adapted) in harmed.items()
-    ]
-    progress.warn(
-        f"adapted to half of {log.source}, motors have larger errors on the other half than the "
-        f"prior's mean motors: {listed(texts, 6)} -> record without contact and for longer, or "
-        "sample these joints from the prior"
-    )
-
-
-def harmed_joints(prior: MotorPrior, log: MotorLog) -> dict[str, tuple[float, float]]:
-    """Joints that an adaptation to the first half of a log makes worse on the second half.
-
-    Returns:
-        By name, the errors [rad] on the second half of the prior's mean motor and of the adapted
-        motor. Empty also if a half is shorter than MIN_SECONDS.
-    """
-    assert isinstance(prior.model, GreyBox)
-    train, test = train_test_halves(log)
-    if min(train.duration, test.duration) < MIN_SECONDS:
-        return {}
-
-    unadapted, _, _ = prior.predicted(train)
-    errors = []
-    for latents in (unadapted, adapt_to(prior, train).mean):
-        motors = prior.model.motors(latents)
-        differences, _ = replay_errors(motors, test, recipe_of(prior).nominal_conditions)
-        errors.append(capped(rms(differences, axis=0)))
-
-    harmed = {}
-    for joint in excited_joints(test).tolist():
-        before = float(errors[0][joint])
-        after = float(errors[1][joint])
-        if after > MAX_GROWTH * before and after > before + MIN_HARM:
-            harmed[log.joint_names[joint]] = (before, after)
-    return harmed
 
 
 def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
