@@ -5,7 +5,6 @@ and a gear. A rigid gear is the armature, friction and damping of a MuJoCo joint
 a rotor of its own, which a spring with damping and backlash couples to the joint.
 """
 
-# pyright: reportAttributeAccessIssue=false
 from dataclasses import dataclass
 from pathlib import Path
 

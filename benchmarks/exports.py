@@ -6,14 +6,15 @@ figures.json: FORMAT/leg, FORMAT/shank and FORMAT/leg_steps, the RMSE of exporte
 joint angles over 12 motors [rad] (`exports.replay`), for bam, mjcf, mjcf_detailed and table;
 kernel/parity, mjlab/parity and newton/parity, the largest difference of joint angles [rad] between
 the Warp kernel in float32 and the compiled motors, each in its own closed loop, over 64 motors and
-2000 steps of 2 ms. kernel/warp_us and kernel/numba_us are times per step of these 64 motors on this
-CPU [µs].
+2000 steps of 2 ms; kernel/parity_mit, mjlab/parity_mit and newton/parity_mit, the same with
+velocity targets, feed-forward torques and gains of every step (`mit_frames`). kernel/warp_us and
+kernel/numba_us are times per step of these 64 motors on this CPU [µs].
 
 Without the extras mjlab and newton these are left out. The motors have the true constants of the
 fleet pupper_v2.
 """
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# pyright: reportMissingImports=false
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ import numpy as np
 
 from figures import run_benchmark
 from motorprior.actuator import kernels
+from motorprior.actuator.command_frame import POSITION, Frames, framed_arrays, send_frame
 from motorprior.actuator.families import require_geared
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.geared_motor_step import PARAMETERS
@@ -46,7 +48,9 @@ MIN_CONSTANT = 1e-6
 TIMED_RUNS = 5
 TIMED_STEPS = 200  # steps of a run
 
-Step = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+# (target, joint_pos, joint_vel, quantities of `Frames` by name) -> torque and damping
+Step = Callable[..., tuple[np.ndarray, np.ndarray]]
+CommandFrames = Callable[[int, int], Frames]  # (step, motors) -> the frame of that step
 
 
 @dataclass(frozen=True)
@@ -69,20 +73,24 @@ def compute(settings: Settings) -> dict[str, float]:
     steps = settings.parity_steps
     figures = losses_of_formats(few_motors)
 
+    for figure, frames in {"parity": position_frames, "parity_mit": mit_frames}.items():
+        if find_spec("warp"):
+            ours = free_run(compiled(motors), count, steps, frames)
+            theirs = free_run(kernel(motors), count, steps, frames)
+            figures[f"kernel/{figure}"] = largest_difference(theirs, ours)
+
+        if find_spec("newton"):
+            ours = free_run(explicit(motors), count, steps, frames)
+            theirs = free_run(newton(motors), count, steps, frames)
+            figures[f"newton/{figure}"] = largest_difference(theirs, ours)
+
+        if find_spec("mjlab"):
+            parity = mjlab_parity(fleet_prior(motors), count, steps, frames)
+            figures[f"mjlab/{figure}"] = parity
+
     if find_spec("warp"):
-        ours = free_run(compiled(motors), count, steps)
-        theirs = free_run(kernel(motors), count, steps)
-        figures["kernel/parity"] = largest_difference(theirs, ours)
         figures["kernel/warp_us"] = microseconds(kernel(motors), count)
         figures["kernel/numba_us"] = microseconds(compiled(motors), count)
-
-    if find_spec("newton"):
-        ours = free_run(explicit(motors), count, steps)
-        theirs = free_run(newton(motors), count, steps)
-        figures["newton/parity"] = largest_difference(theirs, ours)
-
-    if find_spec("mjlab"):
-        figures["mjlab/parity"] = mjlab_parity(fleet_prior(motors), count, steps)
 
     for extra in ("newton", "mjlab"):
         if f"{extra}/parity" not in figures:
@@ -95,7 +103,7 @@ def losses_of_formats(motors: GreyBoxActuator) -> dict[str, float]:
     figures: dict[str, float] = {}
     for name, exporter in EXPORTERS.items():
         if not is_supported(exporter):
-            print(f"{name} left out: it needs MuJoCo {exporter.mujoco}")
+            print(f"{name} left out: it needs MuJoCo {exporter.min_mujoco}")
             continue
         if exporter.replay is None:
             continue
@@ -133,7 +141,28 @@ def targets(step: int, count: int) -> np.ndarray:
     return 0.4 * np.sin(2 * np.pi * frequency * step * DT + motor) + jump
 
 
-def free_run(step_motors: Step, count: int, steps: int) -> np.ndarray:
+def position_frames(step: int, count: int) -> Frames:
+    """No velocity targets and feed-forward torques, and constant gains."""
+    return POSITION
+
+
+def mit_frames(step: int, count: int) -> Frames:
+    """Velocity targets, feed-forward torques, and gains that ramp and jump; motors differ."""
+    motor = np.arange(count)
+    phase = 2 * np.pi * step * DT + motor
+    ramp = min(1.0, 0.1 + step * DT)
+    is_off = (step // 150 + motor) % 4 == 0  # a jump to 0 and back
+    return Frames(
+        velocity_target=1.5 * np.cos(1.3 * phase),
+        torque_feedforward=0.1 * np.sin(0.7 * phase),
+        kp_factor=ramp * (1.0 + 0.2 * np.sin(phase)),
+        kd_factor=np.where(is_off, 0.0, 1.2 - 0.5 * ramp),
+    )
+
+
+def free_run(
+    step_motors: Step, count: int, steps: int, frames: CommandFrames = position_frames
+) -> np.ndarray:
     """(steps, count) joint angles [rad] on a load of INERTIA.
 
     ``step_motors`` gives torques and dampings.
@@ -142,7 +171,8 @@ def free_run(step_motors: Step, count: int, steps: int) -> np.ndarray:
     dq = np.zeros(count)
     angles = np.zeros((steps, count))
     for step in range(steps):
-        torque, damping = step_motors(targets(step, count), q, dq)
+        frame = frames(step, count)._asdict()
+        torque, damping = step_motors(targets(step, count), q, dq, **frame)
         dq = (dq + DT * torque / INERTIA) / (1.0 + DT * damping / INERTIA)
         q = q + DT * dq
         angles[step] = q
@@ -177,11 +207,14 @@ def compiled(motors: GreyBoxActuator) -> Step:
 
 def explicit(motors: GreyBoxActuator) -> Step:
     """Our own motors for an engine that does not damp, as `kernels.make_explicit`."""
-    arrays = motors.arrays(DT)
+    arrays = framed_arrays(motors, DT)
     zero = np.zeros(motors.num_motors)
     kernels.reset_actuator(arrays, zero, zero)
 
-    def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step(
+        target: np.ndarray, q: np.ndarray, dq: np.ndarray, **frame: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        send_frame(arrays.frames, Frames(**frame), motors.num_motors)
         torque = np.zeros(motors.num_motors)
         kernels.step_actuator(arrays, DT, target, q, dq, torque)
         kernels.make_explicit(arrays, dq, torque)
@@ -201,10 +234,16 @@ def kernel(motors: GreyBoxActuator) -> Step:
     """The Warp kernel alone."""
     from motorprior.exports.warp_motors import WarpMotors
 
-    warp_motors = WarpMotors(motors, motors.num_motors, DT, "cpu")
+    count = motors.num_motors
+    warp_motors = WarpMotors(motors, count, DT, "cpu")
 
-    def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        warp_motors.step(warp_array(target), warp_array(q), warp_array(dq))
+    def step(
+        target: np.ndarray, q: np.ndarray, dq: np.ndarray, **frame: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        arrays = {}
+        for name, value in frame.items():
+            arrays[name] = warp_array(np.broadcast_to(value, count))
+        warp_motors.step(warp_array(target), warp_array(q), warp_array(dq), **arrays)
         torque = warp_motors.torque.numpy().astype(float)
         damping = warp_motors.damping.numpy().astype(float)
         return torque, damping
@@ -221,7 +260,7 @@ class NewtonWorld:
         self.joint_f = warp_array(np.zeros(count))
         self.joint_target_q = warp_array(np.zeros(count))
         self.joint_target_qd = warp_array(np.zeros(count))
-        self.joint_act = None
+        self.joint_act = warp_array(np.zeros(count))  # feed-forward torques
 
 
 def newton(motors: GreyBoxActuator) -> Step:
@@ -233,11 +272,19 @@ def newton(motors: GreyBoxActuator) -> Step:
 
     count = motors.num_motors
     indices = warp_array(np.arange(count), wp.uint32)
-    actuator = Actuator(indices, drive=MotorPriorDrive(motors, DT))
+    drive = MotorPriorDrive(motors, DT)
+    actuator = Actuator(indices, drive=drive)
     states = [actuator.state(), actuator.state()]
     world = NewtonWorld(count)
 
-    def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step(
+        target: np.ndarray, q: np.ndarray, dq: np.ndarray, **frame: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        sent = Frames(**frame)
+        world.joint_target_qd.assign(np.broadcast_to(sent.velocity_target, count))
+        world.joint_act.assign(np.broadcast_to(sent.torque_feedforward, count))
+        drive.kp_factor.assign(np.broadcast_to(sent.kp_factor, count))
+        drive.kd_factor.assign(np.broadcast_to(sent.kd_factor, count))
         world.joint_target_q.assign(target.astype(np.float32))
         world.joint_q.assign(q.astype(np.float32))
         world.joint_qd.assign(dq.astype(np.float32))
@@ -260,7 +307,9 @@ RIG = f"""<mujoco>
 </mujoco>"""
 
 
-def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np.ndarray, Any]:
+def mjlab_run(
+    prior: MotorPrior, count: int, steps: int, frames: CommandFrames = position_frames
+) -> tuple[np.ndarray, np.ndarray, Any]:
     """Motors in mjlab's worlds of one joint each.
 
     Returns (steps, count) joint angles, (count,) indices of the motors, and the entity.
@@ -269,15 +318,24 @@ def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np
 
     scene, sim = _mjlab_scene(prior, count)
     robot = scene["rig"]
+    actuator = robot.actuators[0]
+
+    def tensor(values: Any) -> Any:
+        return torch.tensor(np.broadcast_to(values, count)[:, None], dtype=torch.float)
+
     angles = np.zeros((steps, count))
     for step in range(steps):
-        target = torch.tensor(targets(step, count)[:, None], dtype=torch.float)
-        robot.set_joint_position_target(target)
+        frame = frames(step, count)
+        robot.set_joint_position_target(tensor(targets(step, count)))
+        robot.set_joint_velocity_target(tensor(frame.velocity_target))
+        robot.set_joint_effort_target(tensor(frame.torque_feedforward))
+        actuator.kp_factor[:] = tensor(frame.kp_factor)
+        actuator.kd_factor[:] = tensor(frame.kd_factor)
         scene.write_data_to_sim()
         sim.step()
         scene.update(DT)
         angles[step] = robot.data.joint_pos.numpy()[:, 0]
-    return angles, robot.actuators[0]._chosen.flatten().numpy(), robot
+    return angles, actuator._sample_index.flatten().numpy(), robot
 
 
 def _mjlab_scene(prior: MotorPrior, count: int) -> tuple[Any, Any]:
@@ -305,12 +363,14 @@ def _mjlab_scene(prior: MotorPrior, count: int) -> tuple[Any, Any]:
     return scene, sim
 
 
-def mjlab_parity(prior: MotorPrior, count: int, steps: int) -> float:
+def mjlab_parity(
+    prior: MotorPrior, count: int, steps: int, frames: CommandFrames = position_frames
+) -> float:
     """Largest difference between mjlab's worlds and the same motors here [rad]."""
-    theirs, columns, _ = mjlab_run(prior, count, steps)
+    theirs, columns, _ = mjlab_run(prior, count, steps, frames)
     samples = sampled(prior, count, 0, ("joint",), None)
     motors = replace(samples, z=samples.z[columns])
-    return largest_difference(theirs, free_run(compiled(motors), count, steps))
+    return largest_difference(theirs, free_run(compiled(motors), count, steps, frames))
 
 
 if __name__ == "__main__":

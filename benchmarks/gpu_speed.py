@@ -9,7 +9,7 @@ worlds, median of the rounds; learned_over_pd, ratio of times; upright/PATH, sha
 round.
 """
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# pyright: reportMissingImports=false
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -108,7 +108,7 @@ def motors_of(model: mjw.Model, data: mjw.Data, target: wp.array) -> tuple[Work,
     motors = WarpMotors(samples, target.size, ROBOT.physics_dt, str(wp.get_device()))
     robots = np.random.default_rng(0).integers(0, SAMPLES, target.shape)
     columns = robots * joints + np.arange(joints)
-    motors.chosen.assign(columns.ravel())
+    motors.sample_index.assign(columns.ravel())
 
     pos = wp.zeros(target.shape, dtype=float)
     vel = wp.zeros(target.shape, dtype=float)

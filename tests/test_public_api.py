@@ -1,8 +1,5 @@
 """`import motorprior as mp`: a light import, the public names, and the chain from log to policy."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
-
 import ast
 import json
 import subprocess

@@ -1,6 +1,6 @@
 """Exports of motors: contents and losses of each format; the user's file stays as it was."""
 
-# pyright: reportAttributeAccessIssue=false, reportMissingImports=false
+# pyright: reportMissingImports=false
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Feet in stance move with the ground and carry the weight; feet in swing return smoothly."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 import math
 from dataclasses import replace
 

@@ -1,8 +1,5 @@
 """MJCF and URDF of the Pupper are the same robot, with the published dimensions and masses."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,8 +1,5 @@
 """A legged URDF as ROS writes it becomes a robot, or is refused in the terms of URDF."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
-
 from pathlib import Path
 
 import mujoco

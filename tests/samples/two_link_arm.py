@@ -4,7 +4,6 @@ Its axes are perpendicular: a planar arm does not tell a tilted base from anothe
 joint. The arm may also be planar, or stand on a joint that turns about the vertical.
 """
 
-# pyright: reportAttributeAccessIssue=false
 from pathlib import Path
 
 import mujoco

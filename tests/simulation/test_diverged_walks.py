@@ -1,8 +1,5 @@
 """Walks that diverged are no falls, and a policy remembers its robot's weight."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,8 +1,5 @@
 """Motors on the joints of a user's model: coupled fingers stay stable, and every guard fires."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
-
 from collections.abc import Callable
 from dataclasses import replace
 

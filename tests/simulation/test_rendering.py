@@ -1,7 +1,5 @@
 """The camera shows the robot, and its feet have the clearance and sliding of its kinematics."""
 
-# pyright: reportAttributeAccessIssue=false
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """MuJoCo's world keeps closed-form mechanics, forgets its past at reset and reports its faults."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path

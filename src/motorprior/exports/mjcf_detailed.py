@@ -18,8 +18,6 @@ a gear is limited, since MuJoCo turns it into inertia. A motor whose gear
 is too stiff for the timestep becomes a plain joint, as in the format mjcf.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 import math
 from collections.abc import Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """The user's MJCF as an XML document, of which comments and the order of elements stay."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

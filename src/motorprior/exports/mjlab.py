@@ -9,9 +9,12 @@ Every reset of an environment gives each of its joints another sample. Torques g
 controls, the damping of the gears to ``dof_damping`` of each world, which the engine integrates
 implicitly. mjlab resets actuators before it moves the joints, so the motors restart at the first
 step after a reset, at the angles of that time.
+
+The motors obey mjlab's position, velocity and effort targets of every step; the last are
+feed-forward torques. Gains of a step are ``kp_factor`` and ``kd_factor`` of the actuator.
 """
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# pyright: reportMissingImports=false
 # mjlab, torch and Warp are optional dependencies.
 from dataclasses import dataclass
 from typing import Any
@@ -62,7 +65,12 @@ class MotorPriorActuatorCfg(ActuatorCfg):
 
 
 class MotorPriorActuator(Actuator):
-    """E worlds of J motors, motor e·J + j in Warp."""
+    """E worlds of J motors, motor e·J + j in Warp.
+
+    ``kp_factor`` and ``kd_factor`` (E, J) are the gains in force over the motors' gains [-], 1 at
+    first and sent with the targets of every step. Write to these tensors to change gains; both are
+    0 for torque control. Resets leave them as they are.
+    """
 
     def edit_spec(self, spec: mujoco.MjSpec, target_names: list[str]) -> None:
         """Add a torque actuator per joint, without limit."""
@@ -92,6 +100,9 @@ class MotorPriorActuator(Actuator):
         self._sample_index = wp.to_torch(self._motors.sample_index).view(shape)
         self._waiting = wp.to_torch(self._motors.waiting).view(shape)
 
+        self.kp_factor = torch.ones(shape, device=device)
+        self.kd_factor = torch.ones(shape, device=device)
+
         joints = torch.arange(num_joints, device=device, dtype=torch.int32)
         self._joints = joints.repeat(data.nworld, 1)
         self.reset()
@@ -107,15 +118,16 @@ class MotorPriorActuator(Actuator):
         self._waiting[worlds] = True
 
     def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
-        """(E, J) torque [N·m] of the coming physics step; writes the damping of every world.
-
-        The command's velocity target and effort target (a feed-forward torque) count, too.
-        """
-        inputs = []
-        command = (cmd.position_target, cmd.pos, cmd.vel, cmd.velocity_target, cmd.effort_target)
-        for tensor in command:
-            inputs.append(wp.from_torch(tensor.float().contiguous().view(-1)))
-        self._motors.step(*inputs)
+        """(E, J) torque [N·m] of the coming physics step; writes the damping of every world."""
+        self._motors.step(
+            _row(cmd.position_target),
+            _row(cmd.pos),
+            _row(cmd.vel),
+            velocity_target=_row(cmd.velocity_target),
+            torque_feedforward=_row(cmd.effort_target),
+            kp_factor=_row(self.kp_factor),
+            kd_factor=_row(self.kd_factor),
+        )
 
         damping = self._model.dof_damping
         if damping.wp_array.shape[0] != len(self._torque):  # the tensor is expanded to all worlds
@@ -123,6 +135,11 @@ class MotorPriorActuator(Actuator):
             raise ConfigError("all worlds share one dof_damping", remedy=remedy)
         damping[:, self._dofs] = self._damping  # mjlab shows the model's arrays as tensors
         return self._torque
+
+
+def _row(tensor: torch.Tensor) -> wp.array:
+    """A tensor (E, J) as a Warp array (E·J,)."""
+    return wp.from_torch(tensor.float().contiguous().view(-1))
 
 
 @requires_model_fields("dof_damping")

@@ -9,8 +9,6 @@ changes. The targets of motors with a motion profile
 pass a `MotionProfile` first, as they must where the export is used.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ are arrays of the drive; Newton's states share its mask of the motors that resta
 their next step.
 """
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
+# pyright: reportMissingImports=false, reportInvalidTypeForm=false
 # Newton and Warp are optional dependencies.
 # ruff: noqa: D102 (most methods implement DriveBase)
 from dataclasses import dataclass
@@ -48,6 +48,11 @@ def _mark(mask: wp.array(dtype=wp.bool), waiting: wp.array(dtype=wp.bool)):
 class MotorPriorDrive(DriveBase):
     """Motors in the order of the actuator's degrees of freedom.
 
+    They obey the position and velocity targets and the feed-forward torques of Newton's control.
+    ``kp_factor`` and ``kd_factor`` are Warp arrays (n,) of the gains in force over the motors'
+    gains [-], 1 at first and sent with the targets of every step. Write to them to change gains;
+    both are 0 for torque control.
+
     Args:
         motors: n motors.
         dt: physics step [s].
@@ -80,6 +85,8 @@ class MotorPriorDrive(DriveBase):
         self._target = wp.zeros(count, dtype=float, device=device)
         self._velocity_target = wp.zeros(count, dtype=float, device=device)
         self._feedforward = wp.zeros(count, dtype=float, device=device)
+        self.kp_factor = wp.ones(count, dtype=float, device=device)
+        self.kd_factor = wp.ones(count, dtype=float, device=device)
 
     @classmethod
     def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
@@ -125,7 +132,13 @@ class MotorPriorDrive(DriveBase):
         if feedforward is not None:
             wp.copy(self._feedforward, feedforward[velocity_indices])
         self._motors.step(
-            self._target, self._pos, self._vel, self._velocity_target, self._feedforward
+            self._target,
+            self._pos,
+            self._vel,
+            velocity_target=self._velocity_target,
+            torque_feedforward=self._feedforward,
+            kp_factor=self.kp_factor,
+            kd_factor=self.kd_factor,
         )
 
         motors = self._motors

@@ -3,8 +3,6 @@
 A servo follows position targets; with kp 0 velocity targets; with kp and kd 0 it is a torque.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 import math
 from collections.abc import Callable, Mapping
 

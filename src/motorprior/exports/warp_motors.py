@@ -1,41 +1,26 @@
 """Geared motors as one Warp kernel in float32.
 
-The kernel is traced from the formula of the compiled step (`geared_motor_step.step`). Warp takes
-the body of a function as C++. `traced_step` runs the formula on symbols that write each operation
-down, so simulators on a GPU and on the CPU share one formula.
+Warp takes the body of a function as C++, which `step_code` traces from the formula of the compiled
+step.
 
 n motors are columns of a table and of a memory, as on the CPU. Every motor has its own position in
-the delay line, so that it can be reset alone.
+the delay lines, so that it can be reset alone.
 """
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
+# pyright: reportMissingImports=false, reportOperatorIssue=false
 # pyright: reportCallIssue=false, reportInvalidTypeForm=false
 # Warp is an optional dependency.
 
-from functools import cache, partial
-from typing import Any, TypeAlias
+from functools import cache
+from typing import Any
 
 import numpy as np
 import warp as wp
 
-from motorprior.actuator.geared_motor_step import (
-    BASE_CONSTANTS,
-    BASE_STATE,
-    MAX_STIFFNESS,
-    Arithmetic,
-    CommandFrame,
-    MotorState,
-    StepConstants,
-    step,
-)
-from motorprior.actuator.grey_box import (
-    LINE,
-    REFERENCE_ROW,
-    TARGET,
-    GreyBoxActuator,
-    memory_rows,
-)
+from motorprior.actuator.geared_motor_step import MAX_STIFFNESS
+from motorprior.actuator.grey_box import LINE, REFERENCE_ROW, GreyBoxActuator, memory_rows
 from motorprior.exceptions import ConfigError
+from motorprior.exports.step_code import KP_LINE, LINES, step_code
 
 # minimum stiffness of a softened gear over kp: twist is at most 5 % of the position error
 MIN_STIFFNESS = 20.0
@@ -47,153 +32,24 @@ Indices = wp.array(dtype=int)
 Mask = wp.array(dtype=wp.bool)
 
 
-class Symbol:
-    """A value of generated code; every operation writes a line."""
-
-    def __init__(self, code: list[str], text: str):
-        self.code = code
-        self.text = text
-
-    def new(self, text: str) -> "Symbol":
-        """A variable with this value."""
-        name = f"t{len(self.code)}"
-        self.code.append(f"const auto {name} = {text};")
-        return Symbol(self.code, name)
-
-    def __add__(self, right: "Operand") -> "Symbol":
-        return _operation("{} + {}", self, right)
-
-    def __radd__(self, left: "Operand") -> "Symbol":
-        return _operation("{1} + {0}", self, left)
-
-    def __sub__(self, right: "Operand") -> "Symbol":
-        return _operation("{} - {}", self, right)
-
-    def __rsub__(self, left: "Operand") -> "Symbol":
-        return _operation("{1} - {0}", self, left)
-
-    def __mul__(self, right: "Operand") -> "Symbol":
-        return _operation("{} * {}", self, right)
-
-    def __rmul__(self, left: "Operand") -> "Symbol":
-        return _operation("{1} * {0}", self, left)
-
-    def __truediv__(self, right: "Operand") -> "Symbol":
-        return _operation("{} / {}", self, right)
-
-    def __rtruediv__(self, left: "Operand") -> "Symbol":
-        return _operation("{1} / {0}", self, left)
-
-    def __gt__(self, right: "Operand") -> "Symbol":
-        return _operation("{} > {}", self, right)
-
-    def __lt__(self, right: "Operand") -> "Symbol":
-        return _operation("{} < {}", self, right)
-
-    def __or__(self, right: "Operand") -> "Symbol":
-        return _operation("{} || {}", self, right)
-
-    def __neg__(self) -> "Symbol":
-        return _operation("-{}", self)
-
-    def __abs__(self) -> "Symbol":
-        return _operation("wp::abs({})", self)
-
-
-Operand: TypeAlias = Symbol | float
-
-
-def _operation(pattern: str, symbol: Symbol, *operands: Operand) -> Symbol:
-    """A new variable with the value of an expression of a symbol and other operands."""
-    return symbol.new(pattern.format(*map(_text, (symbol, *operands))))
-
-
-def _text(operand: Operand) -> str:
-    if isinstance(operand, Symbol):
-        return operand.text
-    return f"{float(operand)!r}f"
-
-
-SYMBOLS = Arithmetic(
-    where=partial(_operation, "{} ? {} : {}"),
-    indicator=partial(_operation, "{} ? 1.0f : 0.0f"),
-    clip=partial(_operation, "wp::min(wp::max({0}, -({1})), {1})"),
-    positive_part=partial(_operation, "{0} > 0.0f ? {0} : ({0} == {0} ? 0.0f : {0})"),
-    with_sign_of=partial(_operation, "wp::copysign({}, {})"),
-    sqrt=partial(_operation, "wp::sqrt({})"),
-)
-
-
-def traced_step(terms: tuple[str, ...]) -> str:
-    """C++ of one step of motor ``i`` of ``n``, from arrays table, memory, torque and damping."""
-    num_constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
-    num_states = len(MotorState._fields) if terms else BASE_STATE
-    code: list[str] = []
-    new = Symbol(code, "").new
-
-    # read the constants and the state
-    constants = StepConstants(*(new(f"table.data[{row} * n + i]") for row in range(num_constants)))
-    state = MotorState(*(new(f"memory.data[{row} * n + i]") for row in range(num_states)))
-
-    target = Symbol(code, "target")
-    q = Symbol(code, "q")
-    dq = Symbol(code, "dq")
-    h = Symbol(code, "h")
-    frame = CommandFrame(Symbol(code, "velocity_target"), Symbol(code, "feedforward"), 1.0, 1.0)
-    state, torque, damping = step(constants, state, target, q, dq, h, SYMBOLS, terms, frame)
-
-    # write the state and the results
-    for row, value in enumerate(state[:num_states]):
-        code.append(f"memory.data[{row} * n + i] = {_text(value)};")
-    code.append(f"torque.data[i] = {_text(torque)};")
-    code.append(f"damping.data[i] = {_text(damping)};")
-    return "\n".join(code)
-
-
-# one line per quantity of a command: position target, velocity target, feed-forward torque
-LINES = 3
-_DELAY_LINE = f"""
-const int n = table.shape[1];
-const int length = (memory.shape[0] - {LINE}) / {LINES};
-const int newest = clock.data[i];
-const float age = table.data[{StepConstants._fields.index("delay")} * n + i] + 0.5f;
-const int whole = (int)age;
-const int first = newest >= whole ? newest - whole : newest - whole + length;
-const int second = first > 0 ? first - 1 : length - 1;
-const float share = age - (float)whole;
-const float commands[{LINES}] = {{command, commanded_velocity, commanded_torque}};
-float delayed[{LINES}];
-for (int k = 0; k < {LINES}; ++k) {{
-    const int line = {LINE} + k * length;
-    memory.data[(line + newest) * n + i] = commands[k];
-    const float newer = memory.data[(line + first) * n + i];
-    const float older = memory.data[(line + second) * n + i];
-    delayed[k] = newer + share * (older - newer);
-}}
-const float target = delayed[0];
-const float velocity_target = delayed[1];
-const float feedforward = delayed[2];
-memory.data[{TARGET} * n + i] = target;
-clock.data[i] = newest + 1 < length ? newest + 1 : 0;
-"""
-
-
 @cache
 def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
     """The kernel of a step of motors with these terms."""
 
     # Warp replaces the body by the C++
-    @wp.func_native(_DELAY_LINE + traced_step(terms))
+    @wp.func_native(step_code(terms))
     def motor_step(
         i: int,
         table: Rows,
         memory: Rows,
         clock: Indices,
-        command: float,
-        commanded_velocity: float,
-        commanded_torque: float,
-        q: float,
-        dq: float,
+        position_target: float,
+        sent_velocity_target: float,
+        sent_torque_feedforward: float,
+        sent_kp_factor: float,
+        sent_kd_factor: float,
+        joint_pos: float,
+        joint_vel: float,
         h: float,
         torque: Row,
         damping: Row,
@@ -207,9 +63,11 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
         table: Rows,
         memory: Rows,
         clock: Indices,
-        command: Row,
-        commanded_velocity: Row,
-        commanded_torque: Row,
+        position_target: Row,
+        velocity_target: Row,
+        torque_feedforward: Row,
+        kp_factor: Row,
+        kd_factor: Row,
         joint_pos: Row,
         joint_vel: Row,
         h: float,
@@ -218,7 +76,7 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
     ):
         i = wp.tid()
 
-        # restart at rest, at the joint's angle
+        # restart at rest, at the joint's angle; the commands before were of position control
         if waiting[i]:
             waiting[i] = False
             clock[i] = 0
@@ -227,7 +85,9 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
             length = (memory.shape[0] - wp.static(LINE)) // wp.static(LINES)
             for row in range(memory.shape[0]):
                 is_target = row >= wp.static(LINE) and row < wp.static(LINE) + length
-                memory[row, i] = wp.where(is_target, joint_pos[i], 0.0)
+                is_gain = row >= wp.static(LINE) + wp.static(KP_LINE) * length
+                gain_or_zero = wp.where(is_gain, 1.0, 0.0)
+                memory[row, i] = wp.where(is_target, joint_pos[i], gain_or_zero)
             memory[0, i] = joint_pos[i]
             memory[wp.static(REFERENCE_ROW), i] = joint_pos[i]
 
@@ -236,9 +96,11 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
             table,
             memory,
             clock,
-            command[i],
-            commanded_velocity[i],
-            commanded_torque[i],
+            position_target[i],
+            velocity_target[i],
+            torque_feedforward[i],
+            kp_factor[i],
+            kd_factor[i],
             joint_pos[i],
             joint_vel[i],
             h,
@@ -279,6 +141,7 @@ class WarpMotors:
         rows = LINE + LINES * (memory_rows(dt) - LINE)
         self.memory = wp.zeros((rows, count), dtype=float, device=device)
         self._zeros = wp.zeros(count, dtype=float, device=device)
+        self._ones = wp.ones(count, dtype=float, device=device)
         self.clock = wp.zeros(count, dtype=int, device=device)
         self.torque = wp.zeros(count, dtype=float, device=device)
         self.damping = wp.zeros(count, dtype=float, device=device)
@@ -289,17 +152,20 @@ class WarpMotors:
 
     def step(
         self,
-        command: Any,
+        position_target: Any,
         joint_pos: Any,
         joint_vel: Any,
+        *,
         velocity_target: Any = None,
         torque_feedforward: Any = None,
+        kp_factor: Any = None,
+        kd_factor: Any = None,
     ) -> None:
         """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step.
 
-        Arguments are Warp arrays (n,); velocity target and feed-forward torque are 0 if not given.
-        The engine gets torque - damping·joint_vel, of which it
-        integrates the damping implicitly, as for `Motors`.
+        Arguments are Warp arrays (n,) of the command of `Motors.step`: velocity target and
+        feed-forward torque are 0 if not given, the factors on kp and kd 1. The engine gets
+        torque - damping·joint_vel, of which it integrates the damping implicitly, as for `Motors`.
         """
         inputs = [
             self._samples,
@@ -308,9 +174,11 @@ class WarpMotors:
             self.table,
             self.memory,
             self.clock,
-            command,
+            position_target,
             self._zeros if velocity_target is None else velocity_target,
             self._zeros if torque_feedforward is None else torque_feedforward,
+            self._ones if kp_factor is None else kp_factor,
+            self._ones if kd_factor is None else kd_factor,
             joint_pos,
             joint_vel,
             self._dt,

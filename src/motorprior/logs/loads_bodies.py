@@ -5,9 +5,7 @@ therefore ask what the loads would be on a tilted base, if the zero of a joint w
 if a link had a part that the model lacks.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs; it is imported where it is used, since a robot's own computer has
-# none.
+# MuJoCo is imported where it is used, since a robot's own computer has none.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

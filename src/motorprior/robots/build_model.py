@@ -5,8 +5,6 @@ joints are set to 0, since the motors have them. Actuators, sensors, keys, conta
 lights of the model are removed.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from typing import Any
 
 import mujoco

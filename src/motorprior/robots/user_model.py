@@ -1,7 +1,5 @@
 """A user's MJCF or URDF: MuJoCo's editable description; joints, limits, legs, mass and loads."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

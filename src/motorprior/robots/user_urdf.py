@@ -4,8 +4,6 @@ Only spheres of the feet have collisions. Load the text with URDF_USE_INERTIA_FR
 recomputes inertias from the shapes.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 The user's own loop calls `DrivenJoints.drive` before every ``mj_step``.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from collections.abc import Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """Check of a planned motion in the robot's model: collisions with itself and with the table."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple

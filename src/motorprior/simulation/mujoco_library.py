@@ -1,7 +1,5 @@
 """MuJoCo's library called by address: preparation of the process, and compiled `mj_step`."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 import ctypes
 import os
 import sys

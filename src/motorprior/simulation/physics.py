@@ -3,8 +3,6 @@
 The functions work on views of the engine's memory (`WorldArrays`); `world.World` makes them.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from typing import NamedTuple
 
 import mujoco

@@ -1,7 +1,5 @@
 """Recorded walks: rendered offscreen, as stick figures, in the viewer; motion of the feet."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 import importlib
 import os
 import sys

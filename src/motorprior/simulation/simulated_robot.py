@@ -3,8 +3,6 @@
 It has physical motors, steps of 1 ms, and gains that change while it moves.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ A `World` is the robot in the engine. `World.reset` puts motors on it and return
 `MujocoSimulation`, the robot's motion until the next reset.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
 import mujoco
 import numpy as np
 
