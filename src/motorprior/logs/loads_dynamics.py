@@ -3,9 +3,7 @@
 `loads` has the formulas.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs; it is imported where it is used, since a robot's own computer has
-# none.
+# MuJoCo is imported where it is used, since a robot's own computer has none.
 from collections.abc import Sequence
 from typing import Any
 
