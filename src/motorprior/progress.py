@@ -49,8 +49,8 @@ class Task:
         now = time.monotonic()
         if now - self._printed > SECONDS_PER_LINE:
             self._printed = now
-            line = f"  {self._name}: {self._done}/{self._total}{self._time_left(now)} {note}"
-            self._print_line(line.rstrip())
+            line = f"  {self._name}: {self._done}/{self._total}{self._time_left(now)}"
+            self._print_line(f"{line}; {note}" if note else line)
 
     def _time_left(self, now: float) -> str:
         """The time left at the speed of the last lines; empty while it is unknown."""

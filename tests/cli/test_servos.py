@@ -50,6 +50,10 @@ def test_the_doctor_states_servos_and_joint_angles(motorprior: Callable):
         ("record --motor STS3215 --bar 0.1m --virtual --yes", "bar '0.1m'"),
         ("record --motor STS3215 --bar 0m,1kg --virtual --yes", "bar '0m,1kg'"),
         ("record --motor STS9999 --bar 0.1m,1kg --virtual --yes", "STS9999"),
+        ("record --bar 0.1m,1kg --virtual --yes", "--bar has no effect"),
+        ("record --robot so101 --joint elbow_flex --virtual --yes", "--joint has no effect"),
+        ("record --robot so101 --standing --virtual --yes", "--standing has no effect"),
+        ("record --profile off --virtual --yes", "--profile has no effect"),
         ("record --robot so101 --virtual --port /dev/x --yes", "--port /dev/x and --virtual"),
         ("record --robot so101 --port /dev/ttyNONE --yes", "cannot open /dev/ttyNONE"),
         ("record --robot so101 --virtual --yes --seconds 5", "seconds 5 is too short"),
@@ -66,3 +70,15 @@ def test_bad_input_is_one_line(motorprior: Callable, tmp_path: Path, command: st
     assert words in done.err
     assert "Traceback" not in done.err
     assert not (tmp_path / "run" / "run.servolog").exists()
+
+
+def test_what_no_bus_is_needed_for_is_refused_before_it_is_opened(
+    motorprior: Callable, tmp_path: Path
+):
+    port = ("record", "--robot", "so101", "--port", "/dev/ttyNONE", "--yes", "--out", tmp_path)
+
+    assert "too short for 6 joints" in motorprior(*port, "--seconds", 5).err
+
+    (tmp_path / "run.servolog").write_text("my only recording")
+    assert "exists already" in motorprior(*port).err
+    assert (tmp_path / "run.servolog").read_text() == "my only recording"

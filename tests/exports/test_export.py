@@ -663,6 +663,8 @@ def test_a_card_is_a_folder_that_loads(prior: MotorPrior, tmp_path: Path):
     mp.export(prior, "card", tmp_path / "mine")
 
     assert mp.from_pretrained(tmp_path / "mine").sha256() == prior.sha256()
+    file = str(tmp_path / "mine" / "prior.safetensors")
+    assert mp.from_pretrained(file).sha256() == prior.sha256()
     page = (tmp_path / "mine" / "README.md").read_text()
     assert page.startswith("---\nrobot:")
     assert "| armature | kg·m² |" in page

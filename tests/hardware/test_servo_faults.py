@@ -183,6 +183,9 @@ def test_a_signal_returns_to_rest_and_switches_the_torque_off(
     assert incident.outcome == number.name
     assert incident.torque_is_off
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
+    # the parts after the first were not played, and no message states them
+    assert not any(text.startswith("2 of") for text in incident.messages)
+    assert f"until {number.name}" in incident.messages[-1]
 
 
 def test_a_second_ctrl_c_switches_the_torque_off_at_once(record: Callable):

@@ -1,7 +1,7 @@
 """Excite and record the motors of a robot."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 _SERVO_AMPLITUDE = 0.5  # default of robots on a servo bus [rad]
 _SERVO_SPEED = 12.0  # default limit of targets on a servo bus [rad/s]
+# options that servos have not, and those that only servos have, or one servo without robot
+_NOT_OF_SERVOS = ("excitation", "joint", "standing", "kp", "kd", "max_current", "without_imu")
+_OF_SERVOS = ("baud_rate", "profile", "plan")
+_OF_ONE_MOTOR = ("bar", "id")
 
 
 @dataclass(frozen=True)
@@ -54,13 +58,29 @@ class Record(MotionSettings, RunSettings, RobotChoice):
 def run_record(config: Record, progress: Progress = SILENT) -> None:
     """Play an excitation and record it; errors as `hardware.runs.record` or `record_servos`."""
     if config.motor is not None:
+        _require_unused(config, ("robot", "plan", *_NOT_OF_SERVOS), "of one servo, --motor")
         _record_motor(config, progress)
         return
+    _require_unused(config, _OF_ONE_MOTOR, "without --motor")
     robot = load_robot(config.robot)
     if robot.servos is not None:
+        _require_unused(config, _NOT_OF_SERVOS, f"of the servos of {robot.name}")
         _record_servos(config, robot, progress)
         return
+    _require_unused(config, _OF_SERVOS, f"of {robot.name}, which has no servos")
     _record_robot(config, robot, progress)
+
+
+def _require_unused(config: Record, names: Sequence[str], recording: str) -> None:
+    """Raise ConfigError for an option that has no effect on this recording."""
+    defaults = {field.name: field.default for field in fields(Record)}
+    for name in names:
+        if getattr(config, name) != defaults[name]:
+            raise ConfigError(
+                f"{name} has no effect on a recording {recording}",
+                remedy="leave it out",
+                argument=name,
+            )
 
 
 def _record_robot(config: Record, robot: Robot, progress: Progress) -> None:
@@ -99,8 +119,9 @@ def _record_servos(config: Record, robot: Robot, progress: Progress) -> None:
     if config.plan:
         _show_plan(config, recorded, robot, progress)
         return
+    out = _new_folder(config, len(recorded.joint_names))
     with opened_bus(recorded.chain, config, config.baud_rate, robot) as opened:
-        _record(config, recorded, robot, opened, progress)
+        _record(config, out, recorded, robot, opened, progress)
 
 
 def _record_motor(config: Record, progress: Progress) -> None:
@@ -114,16 +135,34 @@ def _record_motor(config: Record, progress: Progress) -> None:
             "no bar for the motor", remedy='give its load, such as "0.1m,0.5kg"', argument="bar"
         )
     bar = Bar.parsed(config.bar)
+    out = _new_folder(config, joints=1)
     chain = virtual_chain(config.motor, config.id)
     with opened_bus(chain, config, config.baud_rate, None, bar) as opened:
         scanned(opened.bus, chain)
         zero = round(float(opened.bus.read().counts[0]))
         recorded = recorded_motor(config.motor, config.id, bar, zero)
-        _record(config, recorded, None, opened, progress)
+        _record(config, out, recorded, None, opened, progress)
+
+
+def _new_folder(config: Record, joints: int) -> Path:
+    """Folder of a recording; what needs no bus to be refused is refused here.
+
+    Raises ConfigError for too short a time, and ArtifactError for a recording that exists.
+    """
+    from motorprior.excitation.servo_motion import require_time
+    from motorprior.hardware.servo_recorder import require_new
+    from motorprior.hardware.servo_run import RECORDING
+
+    require_time(joints, config.seconds)
+    date = datetime.now().strftime("%Y%m%d-%H%M%S")
+    out = config.out or Path("runs") / "record" / date
+    require_new(out / RECORDING)
+    return out
 
 
 def _record(
     config: Record,
+    out: Path,
     recorded: "RecordedRobot",
     robot: Robot | None,
     opened: "OpenBus",
@@ -132,9 +171,8 @@ def _record(
     from motorprior.hardware.servo_link import ServoLimits
     from motorprior.hardware.servo_run import ServoSettings, record_servos
 
-    date = datetime.now().strftime("%Y%m%d-%H%M%S")
     settings = ServoSettings(
-        out=config.out or Path("runs") / "record" / date,
+        out=out,
         yes=config.yes,
         profile=config.profile,
         limits=ServoLimits(target_speed=config.max_speed or _SERVO_SPEED),

@@ -9,6 +9,7 @@ A recording has parts for each joint alone, and for all joints together:
     together multisines of all joints, for their coupling
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -63,7 +64,7 @@ def servo_parts(
         ConfigError: a value out of range, too little time for the parts, or a joint without
             room between its limits.
     """
-    require_number("seconds", seconds, 1.0, 3600.0)
+    require_time(len(names), seconds)
     require_number("amplitude", amplitude, 0.0, 3.0, positive=True)
     require_seed(seed)
     room = 0.5 * (upper - lower) - _MARGIN
@@ -80,17 +81,7 @@ def servo_parts(
 
     rng = np.random.default_rng([seed, _STREAM])
     joints = len(names)
-    together = _TOGETHER * seconds if joints > 1 else 0.0
-    alone = (seconds - together) / joints
-    shortest = min(_ALONE.values()) * alone
-    if shortest < _MIN_PART:
-        needed = seconds * _MIN_PART / shortest
-        raise ConfigError(
-            f"seconds {seconds:g} is too short for {joints} joints",
-            remedy=f"give at least {needed:.0f}",
-            argument="seconds",
-        )
-
+    alone, together = _shares(joints, seconds)
     parts = []
     for joint, name in enumerate(names):
         for signal, share in _ALONE.items():
@@ -105,6 +96,25 @@ def servo_parts(
         columns = [_scaled(signal, rng, steps, period, end) for end in reach]
         parts.append(MotionPart(f"all joints: {signal}", center + np.stack(columns, axis=1)))
     return parts
+
+
+def require_time(joints: int, seconds: float) -> None:
+    """Raise ConfigError if ``seconds`` [s] are too short for the parts of n joints."""
+    require_number("seconds", seconds, 1.0, 3600.0)
+    alone, _ = _shares(joints, seconds)
+    shortest = min(_ALONE.values()) * alone
+    if shortest < _MIN_PART:
+        raise ConfigError(
+            f"seconds {seconds:g} is too short for {joints} joints",
+            remedy=f"give at least {math.ceil(seconds * _MIN_PART / shortest)}",
+            argument="seconds",
+        )
+
+
+def _shares(joints: int, seconds: float) -> tuple[float, float]:
+    """Time of each joint alone, and of all joints together [s]."""
+    together = _TOGETHER * seconds if joints > 1 else 0.0
+    return (seconds - together) / joints, together
 
 
 def _sweep(rng: Rng, steps: int, dt: float) -> np.ndarray:

@@ -22,14 +22,16 @@ FrontMatter = Mapping[str, str | float]
 
 
 def from_pretrained(name: str | Path) -> MotorPrior:
-    """The prior of a motor card: a shipped one by name (`shipped_cards`), or your folder.
+    """The prior of a motor card: a shipped one by name (`shipped_cards`), or your file or folder.
 
     Raises:
-        ArtifactError: neither a shipped card nor a folder with a prior.
+        ArtifactError: neither a shipped card nor a file or folder with a prior.
     """
-    path = card_file(str(name)) or Path(name) / CARD_PRIOR
+    path = card_file(str(name)) or Path(name)
+    if path.is_dir():
+        path /= CARD_PRIOR
     if not path.is_file():
-        remedy = f"give a folder with {CARD_PRIOR}, or one of {', '.join(shipped_cards())}"
+        remedy = f"give a {CARD_PRIOR} or its folder, or one of {', '.join(shipped_cards())}"
         raise ArtifactError("no motor card", where=name, remedy=remedy)
     return MotorPrior.load(path)
 

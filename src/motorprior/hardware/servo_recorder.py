@@ -16,6 +16,16 @@ if TYPE_CHECKING:
     from motorprior.hardware.servo_link import ChainJoints
 
 
+def require_new(path: Path) -> None:
+    """Raise ArtifactError if the recording exists."""
+    if path.exists():
+        raise ArtifactError(
+            "it exists already",
+            where=path,
+            remedy="recordings are not overwritten: choose another folder",
+        )
+
+
 class ServoRecorder:
     """Writes a recording, whose rows survive the death of this process.
 
@@ -24,12 +34,7 @@ class ServoRecorder:
     """
 
     def __init__(self, path: Path, header: dict[str, Any]):
-        if path.exists():
-            raise ArtifactError(
-                "it exists already",
-                where=path,
-                remedy="recordings are not overwritten: choose another folder",
-            )
+        require_new(path)
         self.path = path
         self.rows = 0
         self._header = header

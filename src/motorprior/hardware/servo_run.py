@@ -124,7 +124,8 @@ def record_servos(
     finally:
         link.release()
         recorder.close()
-    show(f"recorded {recorder.path}: {recorder.rows} readings, {link.lost} lost")
+    early = f" until {stop[0]}" if stop else ""
+    show(f"recorded {recorder.path}{early}: {recorder.rows} readings, {link.lost} lost")
     return recorder.path
 
 
@@ -220,6 +221,9 @@ class _Run:
         self._first_motions(rest)
         link.allow_full_torque()
         for number, part in enumerate(parts):
+            if self.stop:
+                self.show(f"stopped by {self.stop[0]}; back to rest")
+                break
             self.show(f"{number + 1} of {len(parts)}: {part.name}")
             self._ramp(part.targets[0], Mode.RAMP)
             for target in part.targets:

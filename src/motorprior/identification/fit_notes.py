@@ -8,6 +8,7 @@ from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import limit_text
 from motorprior.exceptions import listed
+from motorprior.identification import windows as channel
 from motorprior.identification.physics import motor_problem
 from motorprior.identification.physics.motor_model_fit import ModelLevel
 from motorprior.identification.physics.term_selection import min_condition_difference
@@ -17,6 +18,7 @@ from motorprior.identification.windows import TrainingData
 from motorprior.progress import Note
 
 _MAX_NAMES = 6  # joints that a note lists
+_MIN_TWIST = 0.03  # share of a servo's deflection in its gear from which the encoder's place counts
 
 
 def notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
@@ -63,6 +65,35 @@ def outlier_notes(
             )
             notes.append(Note("warning", text))
     return notes
+
+
+def encoder_notes(
+    model: GreyBox, z: np.ndarray, data: TrainingData, fixed: np.ndarray
+) -> list[Note]:
+    """Warning that kp depends on the place of the encoder, which the logs do not state.
+
+    A servo that controls its output shaft with kp deflects under a load as one that controls its
+    rotor with kp/(1 - kp/k), k the stiffness of its gear. ``z`` (M, Z) are the latents of the
+    motors, ``fixed`` (P,) marks constants that were not fitted: a stated kp needs no warning.
+    """
+    constants = parameters_of(model.terms)
+    is_stated = data.at_rotor or "output_encoder" in model.terms
+    is_fixed = fixed[constants.index("kp")] or fixed[constants.index("gear_stiffness")]
+    if is_stated or is_fixed or data.command_mode != "position":
+        return []
+
+    values = model.constants(z)
+    kp = values["kp"] * np.median(data.series[..., channel.KP], axis=1)
+    share = float(np.median(kp / (kp + values["gear_stiffness"])))
+    if share < _MIN_TWIST:
+        return []
+    text = (
+        "kp, torque limit and armature hold for a servo whose encoder is on its rotor; kp of one "
+        f"with the encoder on its output shaft, as most hobby servos have, is {100 * share:.0f} % "
+        "lower -> for such a servo, write output_encoder = 1 under [firmware] of the column map, "
+        "import and identify again"
+    )
+    return [Note("warning", text)]
 
 
 def identifiability(

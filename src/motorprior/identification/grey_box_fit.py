@@ -16,7 +16,12 @@ from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of
-from motorprior.identification.fit_notes import identifiability, notes_on_terms, outlier_notes
+from motorprior.identification.fit_notes import (
+    encoder_notes,
+    identifiability,
+    notes_on_terms,
+    outlier_notes,
+)
 from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
 from motorprior.identification.physics.estimate_uncertainty import UNKNOWN_STD, estimates_of
@@ -65,10 +70,11 @@ def fit_grey_boxes(
     z = refinement.with_stiff_gears(model, z, longer, parts_of("stiff_gears", checkpoint))
 
     tried = bool(selection.saved)
+    fixed = motor_problem.fixed_constants(fits.terms, runs)
     notes = notes_on_terms(recipe, tried)
+    notes += encoder_notes(model, z, data, fixed)
     report(0, "uncertainty of constants")
     estimates = estimates_of(model, z, longer)
-    fixed = motor_problem.fixed_constants(fits.terms, runs)
     is_slow = np.isin(data.joint_names, data.slow_commands)
     if is_slow.any():
         # the logged commands are not those that moved the joint
@@ -177,7 +183,7 @@ def _fitted_motors(
         return MotorFits(saved["center"], saved["offsets"], saved["loss"], terms)
 
     def report_constants() -> None:
-        report(WORK, "constants")
+        report(WORK, "constants of each motor")
 
     def report_terms() -> None:
         report(0, f"with {', '.join(terms)}")

@@ -10,10 +10,10 @@ import math
 import tomllib
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from motorprior.artifacts import read_toml
 from motorprior.bounds import BOOLEAN, TABLE, TEXT, Field, is_number, number, one_of
@@ -26,6 +26,9 @@ from motorprior.logs.motor_log import (
     POSTURES,
 )
 from motorprior.schema import Schema
+
+if TYPE_CHECKING:
+    from motorprior.robots.robot import Robot
 
 REMEDY = "see docs/your-motors.md"
 TURN = 2.0 * math.pi
@@ -107,7 +110,7 @@ _QUATERNION = Field("a list of the columns of w, x, y and z", _is_quaternion)
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "segment", *SERIES), _NAME),
-        **dict.fromkeys((*OPERATING_CONDITIONS, *BASE_ANGLES), _NAME_OR_NUMBER),
+        **dict.fromkeys((*OPERATING_CONDITIONS, *BASE_ANGLES, *GAINS), _NAME_OR_NUMBER),
         "base_quaternion": _QUATERNION,
         "time": _TIME,
         "time_bits": number(8, MAX_NUMBER_BITS),
@@ -121,7 +124,7 @@ _MAP = Schema(
     optional=frozenset(
         {
             *("robot", "time", "time_bits", "rate", "segment", "posture", "encoder"),
-            *("units", "firmware", "base_quaternion", *BASE_ANGLES, *SERIES),
+            *("units", "firmware", "joints", "base_quaternion", *BASE_ANGLES, *SERIES),
         }
     )
     - {"joint_pos"},
@@ -173,7 +176,8 @@ class ColumnMap:
     # channel, kp or kd -> name of its columns with the placeholder JOINT or NAME; a column of an
     # operating condition or gain without placeholder is for all joints
     series: dict[str, str]
-    joints: tuple[MappedJoint, ...]
+    joints: tuple[MappedJoint, ...]  # none: those of the robot, each as ``every_joint``
+    every_joint: MappedJoint | None = None
     motor: str = ""
     robot: str = ""
     encoder: str = ""
@@ -199,6 +203,28 @@ class ColumnMap:
             self.series[channel].replace(JOINT, joint.column).replace(NAME, joint.name)
             for joint in joints
         ]
+
+    def of_robot(self, robot: "Robot | None") -> "ColumnMap":
+        """The map with the robot's joints, if it names none of its own.
+
+        Raises ArtifactError for a map without joints if there is no robot, or if its columns are
+        the same for all joints.
+        """
+        if self.every_joint is None:
+            return self
+        remedy = "add a table per joint, such as [joints.hip]"
+        if robot is None:
+            raise ArtifactError(
+                "no joints",
+                where=self.source,
+                remedy=f"give robot, or {remedy}",
+                argument="robot",
+            )
+
+        names = robot.joint_names
+        _require_placeholders(self.series, len(names), self.source)
+        joints = tuple(replace(self.every_joint, column=name, name=name) for name in names)
+        return replace(self, joints=joints, every_joint=None)
 
 
 def shipped_maps() -> tuple[str, ...]:
@@ -240,7 +266,7 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         **_time_columns(table, units, where),
         **_base(table, units, where),
         series=_series(table, where),
-        joints=_joints(table["joints"], units, where),
+        **_joints(table, units, where),
         gain_unit=units.get("gain", PHYSICAL_GAINS),
         firmware=table.get("firmware", {}),
         operating_conditions={name: value * scales[name] for name, value in constants.items()},
@@ -309,8 +335,15 @@ def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str,
 def _series(table: dict[str, Any], where: str) -> dict[str, str]:
     """Name of the columns of each channel, with a placeholder for the joint."""
     series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
+    if "joints" in table:  # otherwise the robot has them
+        _require_placeholders(series, len(table["joints"]), where)
+    return series
+
+
+def _require_placeholders(series: Mapping[str, str], num_joints: int, where: str) -> None:
+    """Raise ArtifactError for a column that several joints would share."""
     for name, column in series.items():
-        may_be_shared = name in (*OPERATING_CONDITIONS, *GAINS) or len(table["joints"]) == 1
+        may_be_shared = name in (*OPERATING_CONDITIONS, *GAINS) or num_joints == 1
         if not may_be_shared and JOINT not in column and NAME not in column:
             raise ArtifactError(
                 f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}",
@@ -318,21 +351,35 @@ def _series(table: dict[str, Any], where: str) -> dict[str, str]:
                 remedy=f"put {JOINT} in place of the joint's name; pivot a table with a row per "
                 f"joint and time; {REMEDY}",
             )
-    return series
 
 
 def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
     Schema(fields, REMEDY, optional=frozenset(fields)).check(table, where)
 
 
-def _joints(tables: dict[str, Any], units: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
+def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
+    """The joints of the map, or how to read each joint of the robot."""
+    # numbers of the map are the gains of all joints that state none
+    gains = {name: table[name] for name in GAINS if is_number(table.get(name))}
+    _check(gains, {name: _JOINT[name] for name in GAINS}, where)
+    if "joints" in table:
+        return {"joints": _mapped_joints(table["joints"], gains, units, where)}
+    (every_joint,) = _mapped_joints({JOINT: {}}, gains, units, where)
+    return {"joints": (), "every_joint": every_joint}
+
+
+def _mapped_joints(
+    tables: dict[str, Any], gains: dict[str, float], units: dict[str, Any], where: str
+) -> tuple[MappedJoint, ...]:
+    """The joints of their tables; ``gains`` are those of joints that state none."""
     joints = []
     for column, table in tables.items():
         place = f"{where}[joints.{column}]"
         _check(table, _JOINT, place)
         conversions = {name: _conversion(name, table, units, place) for name in QUANTITIES}
         name = table.get("name", column)
-        joints.append(MappedJoint(column, name, table.get("kp"), table.get("kd"), conversions))
+        kp, kd = (table.get(gain, gains.get(gain)) for gain in GAINS)
+        joints.append(MappedJoint(column, name, kp, kd, conversions))
 
     names = [joint.name for joint in joints]
     repeated_names = {name for name in names if names.count(name) > 1}

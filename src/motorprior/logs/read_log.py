@@ -78,7 +78,7 @@ def read_recording(
     """
     reader = reader_of(path, columns is not None)
     if columns is not None:
-        column_map = load_column_map(columns)
+        column_map = load_column_map(columns).of_robot(robot)
         log = _read_mapped(path, reader, column_map, robot)
         return Recording(log, path, warnings=gain_contradictions(log, column_map))
     if period is not None and reader.on_grid is not None:

@@ -327,6 +327,7 @@ class Robot(Printable):
         if self.wire is None:
             raise ConfigError(
                 f"the protocol of robot {self.name!r} is not supported",
-                remedy="use a shipped robot",
+                remedy="use pupper_v2; to record servos, add a table [servos] to the robot's .toml "
+                "file (docs/hardware.md)",
             )
         return self.wire

@@ -189,6 +189,8 @@ def test_joints_are_in_the_order_of_the_robot(tmp_path: Path):
         ("[joints]", '[units]\nangle = "grad"\n[joints]', "angle = 'grad'"),
         ("[joints]", "[joints", "TOML"),
         ("a = {}", "a = {kp = 3}", "'b' lacks kp"),
+        ("[joints]", "kp = -3\n[joints]", "kp = -3"),
+        ("[joints]", "kp = true\n[joints]", "kp = True"),
     ],
 )
 def test_an_invalid_map_is_refused_by_its_key_and_value(
@@ -206,6 +208,36 @@ def test_a_repeated_column_is_refused(tmp_path: Path):
 
     with pytest.raises(LogError, match="'pos_2'"):
         read_log(path, columns=column_map)
+
+
+def test_a_number_is_the_gain_of_every_joint_that_states_none(tmp_path: Path):
+    path = a_map(
+        tmp_path, PLAIN, ("[joints]", "kp = 35\nkd = 1\n[joints]"), ("b = {}", "b = {kp = 3}")
+    )
+
+    joints = load_column_map(path).joints
+
+    assert [(joint.kp, joint.kd) for joint in joints] == [(35, 1), (3, 1)]
+
+
+def test_a_map_without_joints_reads_those_of_the_robot(tmp_path: Path):
+    column_map = a_map(tmp_path, TABLE_MAP, ('motor = "servo"', 'motor = "servo"\nkp = 35'))
+    columns = {"t": 0.02 * np.arange(ROWS)}
+    for name in PUPPER_V2.joint_names:
+        columns |= {f"goal_{name}": COLUMNS["goal_1"], f"pos_{name}": COLUMNS["pos_1"]}
+    path = write(tmp_path / "log.csv", columns)
+
+    log = read_log(path, PUPPER_V2, column_map)
+
+    assert log.joint_names == PUPPER_V2.joint_names
+    assert log.logged_kp is not None
+    np.testing.assert_array_equal(log.logged_kp, 35.0)
+    with pytest.raises(ArtifactError, match=r"no joints -> give robot, or .*\[joints"):
+        read_log(path, columns=column_map)
+
+    shared = a_map(tmp_path, TABLE_MAP, ("goal_{joint}", "goal"))
+    with pytest.raises(ArtifactError, match=r"'goal' lacks \{joint\}"):
+        read_log(path, PUPPER_V2, shared)
 
 
 def test_shipped_maps_can_be_loaded():
