@@ -38,6 +38,11 @@ class Incident:
         return not any(servo.get("torque_enable") for servo in self.bench.virtual.servos)
 
     @property
+    def sank(self) -> bool:
+        """Whether the torque limit was lowered to 15 %, instead of a return to rest."""
+        return round(0.15 * 885) in self.bench.torque_limits
+
+    @property
     def outcome(self) -> str:
         return str(read_json(self.folder / "run.json")["outcome"])
 
@@ -128,8 +133,10 @@ def test_a_fault_ends_the_recording_without_torque(record: Callable, fault: str)
 
     assert incident.fault == fault
     assert incident.outcome == fault
-    if fault != "silence":  # a servo that is gone gets no command
-        assert incident.torque_is_off
+    if fault == "silence":  # a servo that is gone gets no command
+        return
+    assert incident.torque_is_off
+    assert incident.sank == (fault != "temperature")  # a hot servo returns to rest
 
 
 @pytest.mark.parametrize("condition", ["overload", "encoder", "current", "voltage", "temperature"])
@@ -138,6 +145,7 @@ def test_a_condition_of_the_servo_ends_the_recording(record: Callable, condition
 
     assert incident.fault == condition
     assert incident.torque_is_off
+    assert incident.sank
 
 
 def test_a_stale_position_is_noticed(record: Callable):
@@ -147,17 +155,19 @@ def test_a_stale_position_is_noticed(record: Callable):
     assert incident.torque_is_off
 
 
-def test_a_servo_at_its_limit_returns_to_rest_before_it_is_released(record: Callable):
+def test_a_hot_servo_returns_to_rest_before_it_is_released(record: Callable):
     incident = record(FAULTS["temperature"])
 
+    assert not incident.sank
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
 
 def test_a_slow_host_returns_to_rest(record: Callable):
-    incident = record(lambda bench: bench.virtual.wait_until(bench.virtual.clock() + 0.3))
+    incident = record(lambda bench: bench.virtual.wait_until(bench.virtual.clock() + 0.5))
 
     assert incident.fault == "slow host"
     assert incident.torque_is_off
+    assert not incident.sank
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
 
@@ -182,6 +192,7 @@ def test_a_signal_returns_to_rest_and_switches_the_torque_off(
     assert incident.error is None
     assert incident.outcome == number.name
     assert incident.torque_is_off
+    assert not incident.sank
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
     # the parts after the first were not played, and no message states them
     assert not any(text.startswith("2 of") for text in incident.messages)
@@ -218,6 +229,7 @@ def test_a_full_disk_returns_to_rest(record: Callable):
 
     assert isinstance(incident.error, ArtifactError)
     assert incident.torque_is_off
+    assert not incident.sank
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
 
@@ -229,6 +241,7 @@ def test_an_exception_returns_to_rest(record: Callable):
 
     assert incident.fault == "ValueError('no plan')"
     assert incident.torque_is_off
+    assert not incident.sank
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
 
@@ -242,6 +255,7 @@ def test_a_target_that_is_not_finite_returns_to_rest(record: Callable):
 
     assert incident.fault == "impossible command"
     assert incident.torque_is_off
+    assert not incident.sank
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
 

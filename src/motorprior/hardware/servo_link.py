@@ -269,11 +269,14 @@ class ServoLink:
     def step(self, target: np.ndarray, mode: Mode, part: int, speed: float) -> None:
         """Wait for the next control step, read, check, record, and write (n,) targets [rad].
 
-        Raises RobotFault for the first fault.
+        Raises RobotFault for the first fault. A slow host and hot servos do not end the return to
+        rest (``Mode.CROUCH``), which they cause.
         """
+        returns = mode is Mode.CROUCH
         self.clock.wait_until(self._deadline)
         late = self.clock.clock() - self._deadline
-        self._slow_host.check(late)
+        if not returns:
+            self._slow_host.check(late)
         self._deadline += self.period * max(1, math.ceil(late / self.period))
         if self._watchdog is not None:
             self._watchdog.beat()
@@ -282,7 +285,7 @@ class ServoLink:
         if reading is None:  # waiting for an answer is no delay of the host
             self._deadline = self.clock.clock() + self.period
         else:
-            self._check(reading)
+            self._check(reading, returns)
             self._recorder.write(reading, self.joints, self.target, self._target_since, mode, part)
 
         reachable = self._gate.limited(target, self.clock.clock(), speed)
@@ -326,8 +329,11 @@ class ServoLink:
             remedy="check cable and power: without its host a servo holds its last goal",
         )
 
-    def _check(self, reading: Readings) -> None:
-        """Raise RobotFault for a condition, a voltage, a temperature or a tracking fault."""
+    def _check(self, reading: Readings, returns: bool) -> None:
+        """Raise RobotFault for a condition, a voltage, a temperature or a tracking fault.
+
+        A robot that returns to rest may be hot.
+        """
         names = self.joints.names
         for joint, bits in enumerate(reading.conditions.tolist()):
             if bits:
@@ -354,7 +360,7 @@ class ServoLink:
 
         ends = np.array([info.max_temperature for info in self.infos])
         hot = reading.temperature > ends - self.limits.temperature_margin
-        if hot.any():
+        if hot.any() and not returns:
             joint = int(np.argmax(hot))
             raise RobotFault(
                 "temperature",
