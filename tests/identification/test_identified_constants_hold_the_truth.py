@@ -1,11 +1,13 @@
 """Constants that a fit calls identified have the truth in their intervals."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import motorprior as mp
+from motorprior.logs.load_log import load_log
 from motorprior.logs.operations import smooth_on_grid
 
 GRAVITY_TORQUE = 0.6  # of the link at the horizontal [N·m]
@@ -107,3 +109,16 @@ def test_a_soft_servo_in_rich_motion_is_identified():
     assert claimed_wrongly(prior, servo) == []
     assert prior.constants()["kp"].identifiable
     assert prior.constants()["delay"].identifiable
+
+
+@pytest.mark.slow
+def test_intervals_of_a_gear_with_play_hold_the_truth(shared_data: Path):
+    """The encoder is on the output: the PD hunts within the play, which free runs do not replay."""
+    folder = shared_data / "cases" / "28-backlash-output-encoder"
+    log = load_log(folder / "log.csv", columns=folder / "map.toml")
+
+    intervals = mp.fit_prior(log, "quick").intervals()
+
+    for name, truth in {"backlash": 0.0175, "gear_stiffness": 150.0, "coulomb": 0.08}.items():
+        low, high = intervals[name][:, 0]
+        assert low <= truth <= high, name

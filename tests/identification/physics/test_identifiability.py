@@ -19,7 +19,7 @@ from motorprior.identification.physics.motor_problem import (
 )
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import POS, VEL, TrainingData
+from motorprior.identification.windows import POS, READING, VEL, TrainingData
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
@@ -153,3 +153,18 @@ def test_the_scale_of_torques_is_unknown_if_gains_differ_within_a_class(
     runs = WindowRuns(decoder_data(box, z, segments=5, rows=400), PRESET)
 
     assert unknown_torque_scale(box, runs, z + 0.01).all()
+
+
+def test_errors_of_the_angle_hide_a_play(wide_box: GreyBox, noisy_data: TrainingData):
+    def largest_play(error: float) -> float:
+        """Upper end of the interval of the play if angles have a slow error [rad]."""
+        series = noisy_data.series.copy()
+        rows = np.arange(series.shape[1])
+        series[..., [POS, READING]] += (error * np.sin(0.01 * rows))[:, None].astype(np.float32)
+        runs = WindowRuns(replace(noisy_data, series=series), PRESET)
+        ends = estimates_of(wide_box, CENTRAL, runs).ends(wide_box.constants(CENTRAL), ())
+        return float(ends["backlash"][1, 0])
+
+    assert largest_play(0.0) < 2e-3
+    # the RMS error is 7 mrad
+    assert largest_play(0.01) > 2.0 * 7e-3

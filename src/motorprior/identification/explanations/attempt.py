@@ -20,6 +20,7 @@ from motorprior.identification.explanations.screen import (
     unexplained,
 )
 from motorprior.identification.physics.estimate_uncertainty import (
+    MODEL_ERROR,
     blocks_of,
     curvature_and_scores,
     joint_covariance,
@@ -404,6 +405,6 @@ class Attempts:
             problem, residuals, slopes, blocks_of(problem.runs)
         )
         loss = problem.weight * float(np.mean(huber(residuals)))
-        covariance = joint_covariance(curvature, scores, loss)
+        covariance = joint_covariance(curvature, scores, MODEL_ERROR * loss)
         variance = np.diagonal(covariance)[len(free) - size :]
         return SCORE * np.sqrt(variance) * attempt.units

@@ -3,7 +3,7 @@
 The fit minimises the loss U of a motor's windows. In the coordinates y of `actuator.estimates`, the
 covariance of all its constants together is
 
-    C = (H·S⁻¹·H + I/UNKNOWN_STD²)⁻¹,   S = S_time + 2·MODEL_ERROR/SCORE²·U·H
+    C = (H·S⁻¹·H + I/UNKNOWN_STD²)⁻¹,   S = S_time + 2·R/SCORE²·H
 
 H is the Gauss-Newton matrix of U. Priors of the fit do not enter. S has two parts:
 
@@ -14,7 +14,19 @@ H is the Gauss-Newton matrix of U. Priors of the fit do not enter. S has two par
 - The second part is the error of the model, the same in all blocks: the simulation, the loads and
   the grid are not exact, and the search ends a little beside the optimum. A 90 % interval therefore
   holds at least the values for which the other constants can be adjusted so that the loss is larger
-  by at most the share MODEL_ERROR.
+  by at most
+
+      R = MODEL_ERROR·U + min(U - U_noise, MODEL_LOSS)
+
+  U_noise is the loss of the readings' noise, with the smoothed angles as the simulated ones. A fit
+  may turn small errors, such as those of a grid between whose rows commands arrive, into wrong
+  constants altogether: they count in full.
+
+Play and compliance of a gear move the joint by an angle, as errors of the model do. A play b moves
+it by b/2 to either side, and a compliance c by c·τ under the torque τ. The error e of a free run,
+without the noise of the readings, therefore hides a play of 2·e and a compliance of e/τ, with RMS
+values of e and τ. A 90 % interval reaches at least so far to both sides; other constants follow as
+the joint covariance expects.
 
 A profile checks this linearisation. Each constant that seems identified is fixed at the ends of its
 interval, and the other constants are fitted again. If the loss rises by less than the quadratic
@@ -36,21 +48,37 @@ from motorprior.actuator.estimates import (
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import SIGNED
+from motorprior.identification import windows as channel
 from motorprior.identification.physics.effect_scales import effect_scale
 from motorprior.identification.physics.motor_problem import (
     WEAK_PRECISION,
     fixed_constants,
     motor_search,
 )
-from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Problem, Search
+from motorprior.identification.physics.window_runs import (
+    POSITION_SCALE,
+    VELOCITY_SCALE,
+    WindowRuns,
+)
+from motorprior.identification.search import (
+    FIXED,
+    NARROW,
+    WIDE,
+    GaussianPrior,
+    Problem,
+    Search,
+    huber,
+)
+from motorprior.signals import rms
 
 # Share by which the loss may rise within a 90 % interval. Chosen on simulated arms other than those
 # of the reported coverage (benchmarks/simulated_arms.py).
 MODEL_ERROR = 0.07
+MODEL_LOSS = 1e-3  # loss of small errors of the model
 BLOCK = 1.0  # minimum duration of a block of a log [s]
 UNKNOWN_STD = MAX_LOG_FACTOR  # of a constant that a log does not identify at all
 MIN_EIGENVALUE = 1e-9  # of H, relative to its largest one: the accuracy of differences
+_MIN_TORQUE = 1e-6  # on a joint without a load [N·m]
 MAX_PROFILE_FACTOR = 10.0  # maximum factor of a profile on a standard deviation
 _PROFILE_STEPS = ((6, WIDE), (4, NARROW))
 
@@ -61,22 +89,32 @@ def estimates_of(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> Estimates:
     ``model`` has one latent per constant and no copula.
     """
     fixed = fixed_constants(model.terms, runs)
-    coordinates = _Coordinates(model, runs, x)
     search = motor_search(model, runs)
+    noise = (runs.recorded(channel.POS) - runs.recorded(channel.READING)) / POSITION_SCALE
+    hidden = hidden_by_errors(search, runs, x, noise)
+    coordinates = _Coordinates(model, runs, x, hidden)
     free = np.flatnonzero(~fixed)
     blocks = blocks_of(runs)
     losses = search.losses(x)
+    unexplained = np.maximum(losses - noise_losses(runs, noise), 0.0)
+    max_rises = MODEL_ERROR * losses + np.minimum(unexplained, MODEL_LOSS)
 
     covariance = np.zeros((*x.shape, x.shape[1]))
     for motor in range(len(x)):
         curvature, scores = _derivatives(search, coordinates, motor, free, blocks)
-        covariance[motor][np.ix_(free, free)] = joint_covariance(curvature, scores, losses[motor])
+        covariance[motor][np.ix_(free, free)] = joint_covariance(
+            curvature, scores, max_rises[motor]
+        )
+        for name, sizes in hidden.items():
+            column = coordinates.names.index(name)
+            min_std = coordinates.std(column, sizes)[motor] / SCORE
+            covariance[motor] = _with_min_std(covariance[motor], column, min_std)
     estimates = Estimates(covariance, coordinates.scale)
-    return _profiled(search, coordinates, estimates, free, losses)
+    return _profiled(search, coordinates, estimates, free, losses, max_rises)
 
 
-def joint_covariance(curvature: np.ndarray, scores: np.ndarray, loss: float) -> np.ndarray:
-    """(K, K) covariance C from H (K, K), the gradients g (B, K) of blocks, and the loss U."""
+def joint_covariance(curvature: np.ndarray, scores: np.ndarray, max_rise: float) -> np.ndarray:
+    """(K, K) covariance C from H (K, K), the gradients g (B, K) of blocks, and the rise R."""
     count, size = scores.shape
     eigenvalues, vectors = np.linalg.eigh(curvature)
     largest = max(eigenvalues.max(), np.finfo(float).tiny / MIN_EIGENVALUE)
@@ -89,11 +127,64 @@ def joint_covariance(curvature: np.ndarray, scores: np.ndarray, loss: float) -> 
     scale = np.trace(over_time) / size
     share = size / (size + count)
     over_time = (1.0 - share) * over_time + share * scale * np.eye(size)
-    total = over_time + 2.0 * MODEL_ERROR / SCORE**2 * loss * np.eye(size)
+    total = over_time + 2.0 * max_rise / SCORE**2 * np.eye(size)
 
     half = (vectors * root).T
     information = half.T @ np.linalg.solve(total, half)
     return np.linalg.inv(information + np.eye(size) / UNKNOWN_STD**2)
+
+
+def noise_losses(runs: WindowRuns, noise: np.ndarray) -> np.ndarray:
+    """(M,) losses of the scaled noise of the readings (M, N, W), as errors of `WindowRuns`."""
+    losses = np.mean(huber(noise), axis=(1, 2))
+    steps = runs.velocity_steps
+    if steps:
+        change = noise.copy()
+        change[..., steps:] -= noise[..., :-steps]
+        time = steps * runs.recipe.period
+        losses += np.mean(huber(change * POSITION_SCALE / (time * VELOCITY_SCALE)), axis=(1, 2))
+    return losses
+
+
+def hidden_by_errors(
+    search: Search, runs: WindowRuns, x: np.ndarray, noise: np.ndarray
+) -> dict[str, np.ndarray]:
+    """(M,) play [rad] and compliance [rad/(N·m)] that the errors of the motors x (M, K) hide.
+
+    They are by the names of the constants; the module docstring has the formulas. The scaled
+    ``noise`` (M, N, W) of the readings is left out of the errors.
+    """
+    mean_square = np.empty(len(x))
+    for motor in range(len(x)):
+        residuals = search.problem.residuals(x[[motor]], np.array([motor]))
+        positions = residuals.reshape(len(runs.counted), runs.channels, -1)[:, 0]
+        mean_square[motor] = np.mean(positions.astype(np.float64) ** 2)
+    mean_square -= np.mean(noise**2, axis=(1, 2))
+    error = POSITION_SCALE * np.sqrt(np.maximum(mean_square, 0.0))
+    return {"backlash": 2.0 * error, "gear_stiffness": error / _load_torques(runs)}
+
+
+def _load_torques(runs: WindowRuns) -> np.ndarray:
+    """(M,) RMS of the torque J·q̈ - external torque on each joint [N·m]."""
+    torques = []
+    for segment in runs.segments:
+        rows = segment.rows
+        acceleration = np.gradient(rows[:, channel.VEL], runs.recipe.period, axis=0)
+        external = rows[:, channel.EXTERNAL] + rows[:, channel.STIFFNESS] * rows[:, channel.POS]
+        torques.append(rows[:, channel.INERTIA] * acceleration - external)
+    return np.maximum(rms(np.concatenate(torques), axis=0), _MIN_TORQUE)
+
+
+def _with_min_std(covariance: np.ndarray, column: int, min_std: float) -> np.ndarray:
+    """(K, K) covariance with at least this standard deviation of one constant, if it is fitted.
+
+    The other constants follow as the covariance expects.
+    """
+    variance = covariance[column, column]
+    if variance == 0.0 or variance >= min_std**2:
+        return covariance
+    slope = covariance[:, column] / variance
+    return covariance + (min_std**2 - variance) * np.outer(slope, slope)
 
 
 def blocks_of(runs: WindowRuns) -> np.ndarray:
@@ -115,16 +206,21 @@ class _Coordinates:
         names: (K) names of the constants.
         x: (M, K) unknowns of the fit.
         scale: (M, K) scales s [SI], see `Estimates`.
+
+    A constant has no effect below the value that the errors hide, (M,) in ``hidden`` by its name.
     """
 
-    def __init__(self, model: GreyBox, runs: WindowRuns, x: np.ndarray):
+    def __init__(
+        self, model: GreyBox, runs: WindowRuns, x: np.ndarray, hidden: dict[str, np.ndarray]
+    ):
         self.names = parameters_of(model.terms)
         self.x = x
         self._center = model.center
         self.scale = np.zeros_like(x)
         values = model.constants(x)
         for column, name in enumerate(self.names):
-            self.scale[:, column] = effect_scale(name, values, runs)
+            scale = effect_scale(name, values, runs)
+            self.scale[:, column] = np.maximum(scale, hidden.get(name, 0.0))
 
     def moved(self, column: int, y_change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (M,) of a constant at y + y_change (M,), and the real change of y (M,).
@@ -141,6 +237,15 @@ class _Coordinates:
                 moved = np.log(value) - self._center[column]
         moved = np.clip(moved, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
         return moved, self._y(name, moved, column) - y
+
+    def std(self, column: int, size: np.ndarray) -> np.ndarray:
+        """(M,) standard deviations of y if those of a positive constant v are ``size`` (M,).
+
+        For a gear stiffness, ``size`` is of the compliance.
+        """
+        # y = log(v + s)
+        name = self.names[column]
+        return size * np.exp(-self._y(name, self.x[:, column], column))
 
     def _y(self, name: str, x: np.ndarray, column: int) -> np.ndarray:
         raw = x + self._center[column]
@@ -211,10 +316,12 @@ def _profiled(
     estimates: Estimates,
     free: np.ndarray,
     losses: np.ndarray,
+    max_rises: np.ndarray,
 ) -> Estimates:
     """The estimates with larger standard deviations where a profile of the loss is flatter.
 
-    ``free`` are the columns of the fitted constants, ``losses`` (M,) those of the fit.
+    ``free`` are the columns of the fitted constants, ``losses`` (M,) those of the fit, and
+    ``max_rises`` (M,) the rises R.
     """
     factors = np.ones_like(coordinates.x)
     for column in free:
@@ -223,7 +330,9 @@ def _profiled(
         if not len(motors):
             continue
         for sign in (1.0, -1.0):
-            ratio = _profile_ratio(search, coordinates, estimates, column, sign, motors, losses)
+            ratio = _profile_ratio(
+                search, coordinates, estimates, column, sign, motors, losses, max_rises
+            )
             factor = np.clip(ratio**-0.5, 1.0, MAX_PROFILE_FACTOR)
             factors[motors, column] = np.maximum(factors[motors, column], factor)
 
@@ -249,6 +358,7 @@ def _profile_ratio(
     sign: float,
     motors: np.ndarray,
     losses: np.ndarray,
+    max_rises: np.ndarray,
 ) -> np.ndarray:
     """(m,) rise of the loss at an end of the interval, over the rise that identifies it.
 
@@ -272,7 +382,7 @@ def _profile_ratio(
 
     # the end of an interval that the decoder cannot reach is checked nearer by, or not at all
     share = (real_change[motors] / change[motors]) ** 2
-    expected_rise = MODEL_ERROR * losses[motors] * share
+    expected_rise = max_rises[motors] * share
     is_checked = expected_rise > 0.0
     ratio = np.where(is_checked, rise / np.where(is_checked, expected_rise, 1.0), 1.0)
     return np.maximum(ratio, MAX_PROFILE_FACTOR**-2)
