@@ -9,6 +9,7 @@ import pytest
 import motorprior as mp
 from motorprior.logs.load_log import load_log
 from motorprior.logs.operations import smooth_on_grid
+from motorprior.progress import Note, Progress
 
 GRAVITY_TORQUE = 0.6  # of the link at the horizontal [N·m]
 LINK_INERTIA = 0.02  # [kg·m²]
@@ -122,3 +123,21 @@ def test_intervals_of_a_gear_with_play_hold_the_truth(shared_data: Path):
     for name, truth in {"backlash": 0.0175, "gear_stiffness": 150.0, "coulomb": 0.08}.items():
         low, high = intervals[name][:, 0]
         assert low <= truth <= high, name
+
+
+@pytest.mark.slow
+def test_a_controller_that_compensates_gravity_leaves_the_scale_of_torques_open(
+    shared_data: Path,
+):
+    """Without gains the joint seems not to sag under its load: kp is 40 N·m/rad, not thousands."""
+    folder = shared_data / "cases" / "19-gravity-compensated"
+    log = load_log(folder / "log.csv", columns=folder / "map_nokp.toml")
+    notes: list[Note] = []
+
+    prior = mp.fit_prior(log, "quick", progress=Progress(notes.append))
+
+    constants = prior.constants()
+    for name in ("kp", "armature", "coulomb", "torque_limit", "viscous_damping"):
+        assert not constants[name].identifiable, name
+    (note,) = [note.text for note in notes if "scale of torques" in note.text]
+    assert "torque_feedforward" in note

@@ -151,7 +151,8 @@ def identifiability(
     if is_hidden.any():
         text = (
             "the scale of torques; only ratios of kp, torque limit, armature and friction are "
-            "physical -> log kp in N·m/rad, or motions under larger loads"
+            "physical -> log kp in N·m/rad, or motions under larger loads; if the controller "
+            "compensates the weight of the load, log this torque as torque_feedforward"
         )
         notes.append(warning(is_hidden, text))
 
