@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from motorprior.hardware import serial_link
 from motorprior.logs.load_log import load_log
 
 pytest.importorskip("rustypot", reason="pip install rustypot")
@@ -70,6 +71,17 @@ def test_bad_input_is_one_line(motorprior: Callable, tmp_path: Path, command: st
     assert words in done.err
     assert "Traceback" not in done.err
     assert not (tmp_path / "run" / "run.servolog").exists()
+
+
+def test_without_a_port_the_message_names_the_option(
+    motorprior: Callable, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(serial_link, "_usb_ports", list)
+
+    done = motorprior("record", "--robot", "so101", "--yes")
+
+    assert done.code == 2
+    assert "give --port, such as" in done.err
 
 
 def test_what_no_bus_is_needed_for_is_refused_before_it_is_opened(

@@ -101,7 +101,9 @@ def resolve_port(port: str | None) -> str:
         return ports[0]
     if not ports:
         raise ConfigError(
-            "no serial port of a robot", remedy="plug it in and switch it on, or give port"
+            "no robot or adapter at USB",
+            remedy="plug it in and switch it on, or give port, such as /dev/ttyACM0",
+            argument="port",
         )
     raise ConfigError(
         f"several ports: {', '.join(ports)}", remedy="give one of them as port", argument="port"
