@@ -122,7 +122,12 @@ def _cannot_open(port: str, error: Exception) -> RobotFault:
     if not number and isinstance(cause, termios.error):
         number = cause.args[0]
 
-    reason = os.strerror(number) if number else error
+    return no_port(port, number, str(error))
+
+
+def no_port(port: str, number: int | None, message: str) -> RobotFault:
+    """The fault of a port that cannot be opened, with the remedy of its error number if known."""
+    reason = os.strerror(number) if number else message
     ports = ", ".join(_usb_ports()) or "none"
     remedies = {
         errno.ENOTTY: "this is no serial port; give one such as /dev/ttyACM0",

@@ -1,15 +1,18 @@
 """Servo buses by rustypot (Apache-2.0), which speaks the protocols of Feetech and Dynamixel."""
 
 import contextlib
+import errno
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError, RobotFault
+from motorprior.exceptions import ConfigError
 from motorprior.hardware.buses.bus import Clock, NoAnswer, Readings, ServoInfo
 from motorprior.hardware.buses.frames import DynamixelFormat, FeetechFormat
+from motorprior.hardware.serial_link import no_port
 
 # of an answer [s]; a USB converter may hold bytes back for 16 ms
 _TIMEOUT = 0.03
@@ -55,6 +58,18 @@ def require_servos_extra() -> Any:
     return rustypot
 
 
+def _error_number(port: str) -> int | None:
+    """The operating system's reason why a port cannot be opened; None if it can."""
+    try:
+        descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        return error.errno
+    try:
+        return None if os.isatty(descriptor) else errno.ENOTTY
+    finally:
+        os.close(descriptor)
+
+
 class RustypotBus:
     """`ServoBus` of servos of one family.
 
@@ -82,11 +97,7 @@ class RustypotBus:
         try:
             self._controller = controller(port, baud_rate, timeout)
         except Exception as error:  # rustypot has no error of its own
-            raise RobotFault(
-                "no port",
-                f"cannot open {port} ({error})",
-                remedy="plug the adapter in; close other programs; join the group dialout",
-            ) from error
+            raise no_port(port, _error_number(port), str(error)) from error
         self.family = family
         self.port = port
         self.baud_rate = baud_rate
