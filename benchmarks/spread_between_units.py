@@ -200,7 +200,8 @@ def summary(walks: Mapping[str, Sequence[WalkRow]]) -> dict[str, float]:
         figures[f"{cell}/policies"] = len(policies)
         for quantity in QUANTITIES:
             values = [policy[quantity] for policy in policies.values()]
-            add_interval(figures, f"{cell}/{quantity}", values)
+            bounds = (0.0, 1.0) if quantity == "upright" else (-np.inf, np.inf)
+            add_interval(figures, f"{cell}/{quantity}", values, bounds)
 
         for reference in REFERENCES:
             others = cells.get((fleet, environment, reference), {})
@@ -228,13 +229,21 @@ def policy_means(walks: Mapping[str, Sequence[WalkRow]]) -> dict[Cell, PolicyMea
     return dict(cells)
 
 
-def add_interval(figures: dict[str, float], name: str, values: Sequence[float]) -> None:
-    """Add the mean of the values, and the ends of its interval if there are several values."""
+def add_interval(
+    figures: dict[str, float],
+    name: str,
+    values: Sequence[float],
+    bounds: tuple[float, float] = (-np.inf, np.inf),
+) -> None:
+    """Add the mean of the values, and the ends of its interval if there are several values.
+
+    ``bounds`` are those of a mean.
+    """
     interval = mean_interval(np.array(values))
     figures[name] = interval.value
     if np.isfinite(interval.low):
-        figures[f"{name}/low"] = interval.low
-        figures[f"{name}/high"] = interval.high
+        figures[f"{name}/low"] = max(interval.low, bounds[0])
+        figures[f"{name}/high"] = min(interval.high, bounds[1])
 
 
 def table(figures: Mapping[str, float], settings: Settings) -> str:
