@@ -127,7 +127,9 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
 
     ctrl_c(4)  # while terms are selected
 
-    assert motorprior(*line, out).code == 130
+    first = motorprior(*line, out)
+    assert first.code == 130
+    assert "continues" not in first.err
 
     saved = modified(out)
 
@@ -141,6 +143,8 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
 
     ctrl_c(0)
 
-    assert motorprior(*line, out).code == 0
+    done = motorprior(*line, out)
+    assert done.code == 0
+    assert "continues the interrupted fit" in done.err
     assert (out / PRIOR_FILE).read_bytes() == (tmp_path / "whole" / PRIOR_FILE).read_bytes()
     assert not list(out.glob(CHECKPOINT.format("*")))

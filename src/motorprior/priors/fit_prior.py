@@ -162,7 +162,10 @@ def fit_recipe(
     if out is None:
         return fitted(unsaved)
     with locked(out), working(out, stage):
-        fitted(_SavedSteps(out, stage)).save(out / PRIOR_FILE)
+        steps = _SavedSteps(out, stage)
+        if steps.are_continued:
+            progress.note(f"continues the interrupted fit in {out}")
+        fitted(steps).save(out / PRIOR_FILE)
         for path in out.glob(CHECKPOINT.format("*")):
             path.unlink()
     return MotorPrior.load(out / PRIOR_FILE)
@@ -187,6 +190,7 @@ class _SavedSteps:
                 for key, array in tensors.items():
                     name, _, array_name = key.partition(":")
                     self._steps.setdefault(name, {})[array_name] = array
+        self.are_continued = bool(self._steps)  # an interrupted run has finished some
 
     def __call__(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
         """Arrays of a step that an interrupted run has finished; otherwise computed."""
