@@ -16,7 +16,7 @@ one. A rerun resumes, and every round writes
                     FLEET/ENVIRONMENT/CONDITION/minus_REFERENCE: difference in time upright from
                     the central motor and from the randomised PD, same bench and seed
     table.md        time upright and speed of all cells
-    spread.png      time upright against the spread between units
+    spread.png      time upright and speed against the spread between units
 
 Sixteen minutes on two cores for one policy in every cell of one bench.
 """

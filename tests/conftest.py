@@ -29,7 +29,7 @@ from motorprior.actuator.grey_box import GreyBox  # noqa: E402
 
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
-SHARED = ("go2", "so101", "xl330", "pupper_v2", "robots")
+SHARED = ("go2", "so101", "xl330", "pupper_v2", "robots", "cases")
 LONGEST_FIRST = (
     "commands/test_demo.py",
     "cli/test_adapt.py",

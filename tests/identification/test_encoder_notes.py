@@ -11,6 +11,7 @@ from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification import windows as channel
 from motorprior.identification.fit_notes import encoder_notes
+from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData
 
 NONE_FIXED = np.zeros(len(PARAMETERS), bool)
@@ -42,11 +43,13 @@ def data_of(register: float = 1.0, **fields: Any) -> TrainingData:
 def test_the_warning_states_how_much_lower_kp_is_at_the_output(kp: float, register: float):
     model = a_model(kp, 90.0)
 
-    (note,) = encoder_notes(model, np.zeros((1, len(PARAMETERS))), data_of(register), NONE_FIXED)
+    z = np.zeros((1, len(PARAMETERS)))
+
+    (note,) = encoder_notes(model, z, data_of(register), PRESETS["quick"], NONE_FIXED)
 
     # 10 N·m/rad and 90 N·m/rad in series are 9 N·m/rad
     assert "is 10 % lower" in note.text
-    assert "output_encoder = 1" in note.text
+    assert "output_encoder" in note.text
 
 
 @pytest.mark.parametrize(
@@ -63,4 +66,14 @@ def test_there_is_no_warning_where_the_place_does_not_matter(
 ):
     model = a_model(10.0, stiffness)
 
-    assert not encoder_notes(model, np.zeros((1, len(PARAMETERS))), data_of(**fields), fixed)
+    z = np.zeros((1, len(PARAMETERS)))
+
+    assert not encoder_notes(model, z, data_of(**fields), PRESETS["quick"], fixed)
+
+
+@pytest.mark.parametrize("place", [0.0, 1.0])
+def test_there_is_no_warning_where_the_logs_state_the_place(place: float):
+    recipe = replace(PRESETS["quick"], firmware=(("output_encoder", place),))
+    z = np.zeros((1, len(PARAMETERS)))
+
+    assert not encoder_notes(a_model(10.0, 90.0), z, data_of(), recipe, NONE_FIXED)

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 _SERVO_AMPLITUDE = 0.5  # default of robots on a servo bus [rad]
 _SERVO_SPEED = 12.0  # default limit of targets on a servo bus [rad/s]
-# options that servos have not, and those that only servos have, or one servo without robot
+# Options without effect on servos, on robots without servos, and on any robot. The gains of servos
+# are in their registers.
 _NOT_OF_SERVOS = ("excitation", "joint", "standing", "kp", "kd", "max_current", "without_imu")
 _OF_SERVOS = ("baud_rate", "profile", "plan")
 _OF_ONE_MOTOR = ("bar", "id")
@@ -75,12 +76,13 @@ def _require_unused(config: Record, names: Sequence[str], recording: str) -> Non
     """Raise ConfigError for an option that has no effect on this recording."""
     defaults = {field.name: field.default for field in fields(Record)}
     for name in names:
-        if getattr(config, name) != defaults[name]:
-            raise ConfigError(
-                f"{name} has no effect on a recording {recording}",
-                remedy="leave it out",
-                argument=name,
-            )
+        if getattr(config, name) == defaults[name]:
+            continue
+        remedy = "leave it out"
+        if name in ("kp", "kd"):
+            remedy = "leave it out, and set the gains in the registers of the servos"
+        problem = f"{name} has no effect on a recording {recording}"
+        raise ConfigError(problem, remedy=remedy, argument=name)
 
 
 def _record_robot(config: Record, robot: Robot, progress: Progress) -> None:

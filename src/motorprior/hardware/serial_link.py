@@ -135,5 +135,7 @@ def no_port(port: str, number: int | None, message: str) -> RobotFault:
         "and log in again",
         errno.ENOENT: f"plug the robot in and switch it on; ports found: {ports}",
     }
-    remedy = remedies.get(number or 0, "close every other program that uses the port")
+    remedy = remedies.get(
+        number or 0, "close every other program that uses the port, and check the baud rate"
+    )
     return RobotFault("no port", f"cannot open {port} ({reason})", remedy=remedy)

@@ -68,7 +68,7 @@ def outlier_notes(
 
 
 def encoder_notes(
-    model: GreyBox, z: np.ndarray, data: TrainingData, fixed: np.ndarray
+    model: GreyBox, z: np.ndarray, data: TrainingData, recipe: Recipe, fixed: np.ndarray
 ) -> list[Note]:
     """Warning that kp depends on the place of the encoder, which the logs do not state.
 
@@ -77,7 +77,7 @@ def encoder_notes(
     motors, ``fixed`` (P,) marks constants that were not fitted: a stated kp needs no warning.
     """
     constants = parameters_of(model.terms)
-    is_stated = data.at_rotor or "output_encoder" in model.terms
+    is_stated = data.at_rotor or "output_encoder" in dict(recipe.firmware)
     is_fixed = fixed[constants.index("kp")] or fixed[constants.index("gear_stiffness")]
     if is_stated or is_fixed or data.command_mode != "position":
         return []
@@ -90,8 +90,8 @@ def encoder_notes(
     text = (
         "kp, torque limit and armature hold for a servo whose encoder is on its rotor; kp of one "
         f"with the encoder on its output shaft, as most hobby servos have, is {100 * share:.0f} % "
-        "lower -> for such a servo, write output_encoder = 1 under [firmware] of the column map, "
-        "import and identify again"
+        "lower -> state the place as output_encoder, 1 for such a servo and 0 for an encoder on "
+        "the rotor: under [firmware] of the column map, or as --firmware of logs import"
     )
     return [Note("warning", text)]
 

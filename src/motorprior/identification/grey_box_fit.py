@@ -72,7 +72,7 @@ def fit_grey_boxes(
     tried = bool(selection.saved)
     fixed = motor_problem.fixed_constants(fits.terms, runs)
     notes = notes_on_terms(recipe, tried)
-    notes += encoder_notes(model, z, data, fixed)
+    notes += encoder_notes(model, z, data, recipe, fixed)
     report(0, "uncertainty of constants")
     estimates = estimates_of(model, z, longer)
     is_slow = np.isin(data.joint_names, data.slow_commands)

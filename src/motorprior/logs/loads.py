@@ -30,7 +30,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.loads_bodies import bodies_of
-from motorprior.logs.loads_dynamics import BodyDynamics, with_constant_inertia
+from motorprior.logs.loads_dynamics import BodyDynamics, make_inertia_constant
 from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 
@@ -190,7 +190,7 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     segments = log.segment_slices()
     loads = dynamics.loads(log, segments, log.joint_pos)
     for segment in segments:
-        loads = with_constant_inertia(log, [segment], loads)
+        make_inertia_constant(log, [segment], loads)
     inertia, external, stiffness = loads
     return checked(
         replace(

@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from motorprior.logs.loads_dynamics import BodyDynamics, gravity_in_base, with_constant_inertia
+from motorprior.logs.loads_dynamics import BodyDynamics, gravity_in_base, make_inertia_constant
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import GRAVITY
 
@@ -161,7 +161,8 @@ def link_masses(
         for segment, pose in zip(segments, poses, strict=True):
             loads[:, segment] = mass * _loads_of_mass(log, segment, pose, arm, link, carries)
 
-        masses[link] = LinkMass(mass, 2.0 * distance, *with_constant_inertia(log, segments, loads))
+        make_inertia_constant(log, segments, loads)
+        masses[link] = LinkMass(mass, 2.0 * distance, *loads)
     return masses
 
 
@@ -176,7 +177,9 @@ def turned_loads(log: MotorLog, segments: Sequence[slice]) -> list[np.ndarray]:
     dynamics = BodyDynamics(*compiled)
 
     def loads_at(joint_pos: np.ndarray) -> np.ndarray:
-        return with_constant_inertia(log, segments, dynamics.loads(log, segments, joint_pos))
+        loads = dynamics.loads(log, segments, joint_pos)
+        make_inertia_constant(log, segments, loads)
+        return loads
 
     at_log = loads_at(log.joint_pos)
     inverse_powers = np.linalg.inv(_TURNS[:, None] ** np.arange(1, 1 + TURN_POWERS))

@@ -77,7 +77,7 @@ class BodyDynamics:
         own_inertia = inertia[self._order]
 
         # torque of all accelerations, without the joint's own
-        accelerations = np.empty(self._model.nv)
+        accelerations = np.zeros(self._model.nv)
         accelerations[self._order] = joint_acc
         self._mujoco.mj_mulM(self._model, self._data, column, accelerations)
         external = -bias - (column[self._order] - own_inertia * joint_acc)
@@ -114,16 +114,14 @@ def gravity_in_base(orientation: np.ndarray, magnitude: float) -> np.ndarray:
     return magnitude * np.stack(down, axis=-1)
 
 
-def with_constant_inertia(
-    log: MotorLog, segments: Sequence[slice], loads: np.ndarray
-) -> np.ndarray:
-    """(3, T, J, …) loads as a log has them.
+def make_inertia_constant(log: MotorLog, segments: Sequence[slice], loads: np.ndarray) -> None:
+    """Change loads (3, T, J, …) of each row in place, so that they are as a log has them.
 
-    The inertia is the mean over the segments. The rest of the inertia's torque is added to the
-    external torque, which is the mean to the next row. ``loads`` have the values of each row.
+    The inertia becomes the mean over the segments. The rest of the inertia's torque is added to the
+    external torque, which becomes the mean to the next row.
     """
     assert log.joint_vel is not None
-    inertia, external, stiffness = loads
+    inertia, external, _ = loads
     mean_inertia = np.concatenate([inertia[segment] for segment in segments]).mean(axis=0)
     missing_axes = tuple(range(2, external.ndim))
     for segment in segments:
@@ -132,4 +130,3 @@ def with_constant_inertia(
         external[segment] -= (inertia[segment] - mean_inertia) * acceleration
         external[segment][:-1] = 0.5 * (external[segment][:-1] + external[segment][1:])
         inertia[segment] = mean_inertia
-    return np.stack([inertia, external, stiffness])

@@ -47,8 +47,11 @@ class TorqueColumn:
                 f" with a rotor of {max(self.rotor_inertia, 0.0):.2g} kg·m² and "
                 f"{max(self.friction, 0.0):.2g} N·m of friction between both"
             )
-        late = f", {1e3 * self.lag:.0f} ms late" if abs(self.lag) >= 0.004 else ""
-        return f"{self.factor:.3g} times the torque on the joint{place}{late}"
+        lag = ""
+        if abs(self.lag) >= 0.004:
+            direction = "late" if self.lag > 0.0 else "early"
+            lag = f", {1e3 * abs(self.lag):.0f} ms {direction}"
+        return f"{self.factor:.3g} times the torque on the joint{place}{lag}"
 
 
 def torque_column(log: MotorLog, joint: int) -> TorqueColumn | None:

@@ -67,15 +67,14 @@ def _is_stated(value: Any) -> bool:
     return is_pair and is_number(value[0], 1e-12, 1e9) and is_number(value[1], 1e-3, 3.0)
 
 
-# Stall torques of servos by their makers [N·m]: XL330 at 5 V, XL-320 at 7.4 V, others at 12 V;
-# ROBOTIS e-Manual, and Feetech for the STS3215. Lower case names are those of Rhoban/bam.
+# Stall torques of servos by their maker [N·m]: XL330 at 5 V, XL-320 at 7.4 V, others at 12 V
+# (ROBOTIS e-Manual). Lower case names are those of Rhoban/bam.
 _STALL_TORQUES = {
     "xl330": 0.52,
     "XL330-M288": 0.52,
     "xl320": 0.39,
     "mx64": 6.0,
     "mx106": 8.4,
-    "Feetech STS3215": 2.94,
 }
 # Standard deviation of the logarithm of a torque limit about the stall torque: assumption. The
 # supply, the firmware's limits of duty and current, and friction change it.

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.estimates import coordinate, value_at
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.physics.estimate_uncertainty import estimates_of
+from motorprior.identification.physics.estimate_uncertainty import _Coordinates, estimates_of
 from motorprior.identification.physics.motor_problem import (
     INITIAL_MOTOR,
     TORQUES,
@@ -156,15 +157,33 @@ def test_the_scale_of_torques_is_unknown_if_gains_differ_within_a_class(
 
 
 def test_errors_of_the_angle_hide_a_play(wide_box: GreyBox, noisy_data: TrainingData):
-    def largest_play(error: float) -> float:
-        """Upper end of the interval of the play if angles have a slow error [rad]."""
+    def interval(error: float) -> np.ndarray:
+        """(2,) interval of the play if angles have a slow error [rad]."""
         series = noisy_data.series.copy()
         rows = np.arange(series.shape[1])
         series[..., [POS, READING]] += (error * np.sin(0.01 * rows))[:, None].astype(np.float32)
         runs = WindowRuns(replace(noisy_data, series=series), PRESET)
         ends = estimates_of(wide_box, CENTRAL, runs).ends(wide_box.constants(CENTRAL), ())
-        return float(ends["backlash"][1, 0])
+        return ends["backlash"][:, 0]
 
-    assert largest_play(0.0) < 2e-3
+    assert interval(0.0)[1] < 2e-3
+
     # the RMS error is 7 mrad
-    assert largest_play(0.01) > 2.0 * 7e-3
+    assert interval(0.01)[1] > 2.0 * 7e-3
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
+def test_half_widths_hold_a_value_to_both_sides(
+    wide_box: GreyBox, noisy_data: TrainingData, share: float
+):
+    runs = WindowRuns(noisy_data, PRESET)
+    column = PARAMETERS.index("backlash")
+    value = wide_box.constants(CENTRAL)["backlash"]
+    size = share * value
+    coordinates = _Coordinates(wide_box, runs, CENTRAL, {"backlash": size})
+
+    scale = coordinates.scale[:, column]
+    y = coordinate("backlash", value, scale)
+    width = coordinates.half_width(column, size)
+    assert value_at("backlash", y - width, scale) <= np.maximum(value - size, 0.0) + 1e-12
+    assert value_at("backlash", y + width, scale) >= value + size - 1e-12

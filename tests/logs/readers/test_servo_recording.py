@@ -43,7 +43,7 @@ def test_a_pendulum_has_its_load(tmp_path: Path):
     pendulum = {"length": 0.1, "mass": 0.5, "bar_mass": 0.06}
     path = write_servo_recording(
         tmp_path, joint_names=["pendulum"], joint_classes=["pendulum"], p_gains=[400],
-        robot="pendulum", pendulum=pendulum,
+        robot="pendulum", pendulum=pendulum, motor="XL330-M288",
     )  # fmt: skip
     log = load_log(path)
 
@@ -52,7 +52,16 @@ def test_a_pendulum_has_its_load(tmp_path: Path):
     np.testing.assert_allclose(log.load_inertia, (0.5 + 0.02) * 0.01)
     torque = -(0.5 + 0.03) * 9.81 * 0.1 * np.sin(log.joint_pos)
     np.testing.assert_allclose(log.external_torque, torque)
-    assert [model.name for model in log.motor_models] == ["Feetech STS3215"]
+
+
+def test_only_a_motor_without_robot_has_the_stall_torque_of_its_maker(tmp_path: Path):
+    alone = {"joint_names": ["pendulum"], "joint_classes": ["pendulum"], "p_gains": [400]}
+    bar = {"length": 0.1, "mass": 0.5, "bar_mass": 0.06}
+    log = read_log(write_servo_recording(tmp_path, **alone, pendulum=bar, motor="XL330-M288"))
+    assert [model.name for model in log.motor_models] == ["XL330-M288"]
+
+    # servos of a robot may have gears behind them
+    assert read_log(write_servo_recording(tmp_path, motor="XL330-M288")).motor_models == ()
 
 
 def test_a_cut_last_line_is_ignored(tmp_path: Path):

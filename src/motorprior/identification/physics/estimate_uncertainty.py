@@ -107,7 +107,7 @@ def estimates_of(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> Estimates:
         )
         for name, sizes in hidden.items():
             column = coordinates.names.index(name)
-            min_std = coordinates.std(column, sizes)[motor] / SCORE
+            min_std = coordinates.half_width(column, sizes)[motor] / SCORE
             covariance[motor] = _with_min_std(covariance[motor], column, min_std)
     estimates = Estimates(covariance, coordinates.scale)
     return _profiled(search, coordinates, estimates, free, losses, max_rises)
@@ -238,14 +238,16 @@ class _Coordinates:
         moved = np.clip(moved, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
         return moved, self._y(name, moved, column) - y
 
-    def std(self, column: int, size: np.ndarray) -> np.ndarray:
-        """(M,) standard deviations of y if those of a positive constant v are ``size`` (M,).
+    def half_width(self, column: int, size: np.ndarray) -> np.ndarray:
+        """(M,) widths to both sides in y that hold v ± ``size`` (M,) of a positive constant v.
 
-        For a gear stiffness, ``size`` is of the compliance.
+        A width is the linear one, which reaches further upwards, or the exact one downwards if that
+        is larger. For a gear stiffness, v and ``size`` are of the compliance.
         """
         # y = log(v + s)
-        name = self.names[column]
-        return size * np.exp(-self._y(name, self.x[:, column], column))
+        sum_of_both = np.exp(self._y(self.names[column], self.x[:, column], column))
+        below = np.minimum(size, sum_of_both - self.scale[:, column])
+        return np.maximum(size / sum_of_both, -np.log1p(-below / sum_of_both))
 
     def _y(self, name: str, x: np.ndarray, column: int) -> np.ndarray:
         raw = x + self._center[column]

@@ -158,7 +158,8 @@ def _excited(
     columns = np.split(table[:, len(_CLOCKS) :], len(_SERIES), axis=1)
     series = dict(zip(_SERIES, columns, strict=True))
     gains = np.array(header["p_gains"])
-    model = known_motor(header["motor"])
+    # motors of a robot may have gears behind them, which only the robot's file states
+    model = known_motor(header["motor"]) if header.get("pendulum") else None
     log = MotorLog(
         time=table[:, 0],
         position_target=series["position_target"],
@@ -175,7 +176,7 @@ def _excited(
         given_classes=tuple(header["joint_classes"]),
         robot=header["robot"],
         motor=header["motor"],
-        motor_models=(model,) * len(names) if model else (),
+        motor_models=(model,) if model else (),
         source=str(path),
         encoder=header["encoder"],
     )
