@@ -14,13 +14,7 @@ H is the Gauss-Newton matrix of U. Priors of the fit do not enter. S has two par
 - The second part is the error of the model, the same in all blocks: the simulation, the loads and
   the grid are not exact, and the search ends a little beside the optimum. A 90 % interval therefore
   holds at least the values for which the other constants can be adjusted so that the loss is larger
-  by at most
-
-      R = MODEL_ERROR·U + min(U - U_noise, MODEL_LOSS)
-
-  U_noise is the loss of the readings' noise, with the smoothed angles as the simulated ones. A fit
-  may turn small errors, such as those of a grid between whose rows commands arrive, into wrong
-  constants altogether: they count in full.
+  by at most R = MODEL_ERROR·U.
 
 Play and compliance of a gear move the joint by an angle, as errors of the model do. A play b moves
 it by b/2 to either side, and a compliance c by c·τ under the torque τ. The error e of a free run,
@@ -57,7 +51,6 @@ from motorprior.identification.physics.motor_problem import (
 )
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
-    VELOCITY_SCALE,
     WindowRuns,
 )
 from motorprior.identification.search import (
@@ -67,14 +60,12 @@ from motorprior.identification.search import (
     GaussianPrior,
     Problem,
     Search,
-    huber,
 )
 from motorprior.signals import rms
 
 # Share by which the loss may rise within a 90 % interval. Chosen on simulated arms other than those
 # of the reported coverage (benchmarks/simulated_arms.py).
 MODEL_ERROR = 0.07
-MODEL_LOSS = 1e-3  # loss of small errors of the model
 BLOCK = 1.0  # minimum duration of a block of a log [s]
 UNKNOWN_STD = MAX_LOG_FACTOR  # of a constant that a log does not identify at all
 MIN_EIGENVALUE = 1e-9  # of H, relative to its largest one: the accuracy of differences
@@ -90,14 +81,12 @@ def estimates_of(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> Estimates:
     """
     fixed = fixed_constants(model.terms, runs)
     search = motor_search(model, runs)
-    noise = (runs.recorded(channel.POS) - runs.recorded(channel.READING)) / POSITION_SCALE
-    hidden = hidden_by_errors(search, runs, x, noise)
+    hidden = hidden_by_errors(search, runs, x)
     coordinates = _Coordinates(model, runs, x, hidden)
     free = np.flatnonzero(~fixed)
     blocks = blocks_of(runs)
     losses = search.losses(x)
-    unexplained = np.maximum(losses - noise_losses(runs, noise), 0.0)
-    max_rises = MODEL_ERROR * losses + np.minimum(unexplained, MODEL_LOSS)
+    max_rises = MODEL_ERROR * losses
 
     covariance = np.zeros((*x.shape, x.shape[1]))
     for motor in range(len(x)):
@@ -134,26 +123,12 @@ def joint_covariance(curvature: np.ndarray, scores: np.ndarray, max_rise: float)
     return np.linalg.inv(information + np.eye(size) / UNKNOWN_STD**2)
 
 
-def noise_losses(runs: WindowRuns, noise: np.ndarray) -> np.ndarray:
-    """(M,) losses of the scaled noise of the readings (M, N, W), as errors of `WindowRuns`."""
-    losses = np.mean(huber(noise), axis=(1, 2))
-    steps = runs.velocity_steps
-    if steps:
-        change = noise.copy()
-        change[..., steps:] -= noise[..., :-steps]
-        time = steps * runs.recipe.period
-        losses += np.mean(huber(change * POSITION_SCALE / (time * VELOCITY_SCALE)), axis=(1, 2))
-    return losses
-
-
-def hidden_by_errors(
-    search: Search, runs: WindowRuns, x: np.ndarray, noise: np.ndarray
-) -> dict[str, np.ndarray]:
+def hidden_by_errors(search: Search, runs: WindowRuns, x: np.ndarray) -> dict[str, np.ndarray]:
     """(M,) play [rad] and compliance [rad/(N·m)] that the errors of the motors x (M, K) hide.
 
-    They are by the names of the constants; the module docstring has the formulas. The scaled
-    ``noise`` (M, N, W) of the readings is left out of the errors.
+    They are by the names of the constants; the module docstring has the formulas.
     """
+    noise = (runs.recorded(channel.POS) - runs.recorded(channel.READING)) / POSITION_SCALE
     mean_square = np.empty(len(x))
     for motor in range(len(x)):
         residuals = search.problem.residuals(x[[motor]], np.array([motor]))
