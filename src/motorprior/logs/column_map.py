@@ -378,7 +378,8 @@ def _mapped_joints(
         _check(table, _JOINT, place)
         conversions = {name: _conversion(name, table, units, place) for name in QUANTITIES}
         name = table.get("name", column)
-        kp, kd = (table.get(gain, gains.get(gain)) for gain in GAINS)
+        kp = table.get("kp", gains.get("kp"))
+        kd = table.get("kd", gains.get("kd"))
         joints.append(MappedJoint(column, name, kp, kd, conversions))
 
     names = [joint.name for joint in joints]

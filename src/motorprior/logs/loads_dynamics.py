@@ -58,7 +58,7 @@ class BodyDynamics:
                     joint_pos[row], log.joint_vel[row], joint_acc
                 )
                 axis[row] = self._data.xaxis[self._order]
-                arm[row] = self._arms()[self._order]
+                arm[row] = self._arms()
             loads[2, segment] = self._gravity_stiffness(
                 axis[segment], arm[segment], gravity[segment]
             )
@@ -92,8 +92,9 @@ class BodyDynamics:
         return self._data.qfrc_bias[self._order]
 
     def _arms(self) -> np.ndarray:
-        """From each joint of the model to the centre of mass of what it carries [m]."""
-        return self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
+        """(J, 3) from each joint to the centre of mass of what it carries [m]."""
+        arms = self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
+        return arms[self._order]
 
     def _gravity_stiffness(
         self, axis: np.ndarray, arm: np.ndarray, gravity: np.ndarray

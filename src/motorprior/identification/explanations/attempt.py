@@ -20,7 +20,6 @@ from motorprior.identification.explanations.screen import (
     unexplained,
 )
 from motorprior.identification.physics.estimate_uncertainty import (
-    MODEL_ERROR,
     blocks_of,
     curvature_and_scores,
     joint_covariance,
@@ -405,6 +404,6 @@ class Attempts:
             problem, residuals, slopes, blocks_of(problem.runs)
         )
         loss = problem.weight * float(np.mean(huber(residuals)))
-        covariance = joint_covariance(curvature, scores, MODEL_ERROR * loss)
+        covariance = joint_covariance(curvature, scores, loss)
         variance = np.diagonal(covariance)[len(free) - size :]
         return SCORE * np.sqrt(variance) * attempt.units

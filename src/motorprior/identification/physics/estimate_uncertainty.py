@@ -3,7 +3,7 @@
 The fit minimises the loss U of a motor's windows. In the coordinates y of `actuator.estimates`, the
 covariance of all its constants together is
 
-    C = (H·S⁻¹·H + I/UNKNOWN_STD²)⁻¹,   S = S_time + 2·R/SCORE²·H
+    C = (H·S⁻¹·H + I/UNKNOWN_STD²)⁻¹,   S = S_time + 2·MODEL_ERROR/SCORE²·U·H
 
 H is the Gauss-Newton matrix of U. Priors of the fit do not enter. S has two parts:
 
@@ -14,7 +14,7 @@ H is the Gauss-Newton matrix of U. Priors of the fit do not enter. S has two par
 - The second part is the error of the model, the same in all blocks: the simulation, the loads and
   the grid are not exact, and the search ends a little beside the optimum. A 90 % interval therefore
   holds at least the values for which the other constants can be adjusted so that the loss is larger
-  by at most R = MODEL_ERROR·U.
+  by at most the share MODEL_ERROR.
 
 Play and compliance of a gear move the joint by an angle, as errors of the model do. A play b moves
 it by b/2 to either side, and a compliance c by c·τ under the torque τ. The error e of a free run,
@@ -49,18 +49,8 @@ from motorprior.identification.physics.motor_problem import (
     fixed_constants,
     motor_search,
 )
-from motorprior.identification.physics.window_runs import (
-    POSITION_SCALE,
-    WindowRuns,
-)
-from motorprior.identification.search import (
-    FIXED,
-    NARROW,
-    WIDE,
-    GaussianPrior,
-    Problem,
-    Search,
-)
+from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns
+from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Problem, Search
 from motorprior.signals import rms
 
 # Share by which the loss may rise within a 90 % interval. Chosen on simulated arms other than those
@@ -86,24 +76,23 @@ def estimates_of(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> Estimates:
     free = np.flatnonzero(~fixed)
     blocks = blocks_of(runs)
     losses = search.losses(x)
-    max_rises = MODEL_ERROR * losses
+    min_stds = {}
+    for name, sizes in hidden.items():
+        column = coordinates.names.index(name)
+        min_stds[column] = coordinates.half_width(column, sizes) / SCORE
 
     covariance = np.zeros((*x.shape, x.shape[1]))
     for motor in range(len(x)):
         curvature, scores = _derivatives(search, coordinates, motor, free, blocks)
-        covariance[motor][np.ix_(free, free)] = joint_covariance(
-            curvature, scores, max_rises[motor]
-        )
-        for name, sizes in hidden.items():
-            column = coordinates.names.index(name)
-            min_std = coordinates.half_width(column, sizes)[motor] / SCORE
-            covariance[motor] = _with_min_std(covariance[motor], column, min_std)
+        covariance[motor][np.ix_(free, free)] = joint_covariance(curvature, scores, losses[motor])
+        for column, min_std in min_stds.items():
+            covariance[motor] = _with_min_std(covariance[motor], column, min_std[motor])
     estimates = Estimates(covariance, coordinates.scale)
-    return _profiled(search, coordinates, estimates, free, losses, max_rises)
+    return _profiled(search, coordinates, estimates, free, losses)
 
 
-def joint_covariance(curvature: np.ndarray, scores: np.ndarray, max_rise: float) -> np.ndarray:
-    """(K, K) covariance C from H (K, K), the gradients g (B, K) of blocks, and the rise R."""
+def joint_covariance(curvature: np.ndarray, scores: np.ndarray, loss: float) -> np.ndarray:
+    """(K, K) covariance C from H (K, K), the gradients g (B, K) of blocks, and the loss U."""
     count, size = scores.shape
     eigenvalues, vectors = np.linalg.eigh(curvature)
     largest = max(eigenvalues.max(), np.finfo(float).tiny / MIN_EIGENVALUE)
@@ -116,7 +105,7 @@ def joint_covariance(curvature: np.ndarray, scores: np.ndarray, max_rise: float)
     scale = np.trace(over_time) / size
     share = size / (size + count)
     over_time = (1.0 - share) * over_time + share * scale * np.eye(size)
-    total = over_time + 2.0 * max_rise / SCORE**2 * np.eye(size)
+    total = over_time + 2.0 * MODEL_ERROR / SCORE**2 * loss * np.eye(size)
 
     half = (vectors * root).T
     information = half.T @ np.linalg.solve(total, half)
@@ -293,12 +282,10 @@ def _profiled(
     estimates: Estimates,
     free: np.ndarray,
     losses: np.ndarray,
-    max_rises: np.ndarray,
 ) -> Estimates:
     """The estimates with larger standard deviations where a profile of the loss is flatter.
 
-    ``free`` are the columns of the fitted constants, ``losses`` (M,) those of the fit, and
-    ``max_rises`` (M,) the rises R.
+    ``free`` are the columns of the fitted constants, ``losses`` (M,) those of the fit.
     """
     factors = np.ones_like(coordinates.x)
     for column in free:
@@ -307,9 +294,7 @@ def _profiled(
         if not len(motors):
             continue
         for sign in (1.0, -1.0):
-            ratio = _profile_ratio(
-                search, coordinates, estimates, column, sign, motors, losses, max_rises
-            )
+            ratio = _profile_ratio(search, coordinates, estimates, column, sign, motors, losses)
             factor = np.clip(ratio**-0.5, 1.0, MAX_PROFILE_FACTOR)
             factors[motors, column] = np.maximum(factors[motors, column], factor)
 
@@ -335,7 +320,6 @@ def _profile_ratio(
     sign: float,
     motors: np.ndarray,
     losses: np.ndarray,
-    max_rises: np.ndarray,
 ) -> np.ndarray:
     """(m,) rise of the loss at an end of the interval, over the rise that identifies it.
 
@@ -359,7 +343,7 @@ def _profile_ratio(
 
     # the end of an interval that the decoder cannot reach is checked nearer by, or not at all
     share = (real_change[motors] / change[motors]) ** 2
-    expected_rise = max_rises[motors] * share
+    expected_rise = MODEL_ERROR * losses[motors] * share
     is_checked = expected_rise > 0.0
     ratio = np.where(is_checked, rise / np.where(is_checked, expected_rise, 1.0), 1.0)
     return np.maximum(ratio, MAX_PROFILE_FACTOR**-2)

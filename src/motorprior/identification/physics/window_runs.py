@@ -262,7 +262,6 @@ class WindowRuns:
         at_rotor: whether the log's encoders are on the rotors.
         command_mode: command mode of the log.
         logs_kd: whether the log states kd.
-        velocity_steps: see `TrainingData`.
         channels: errors per sample: of position, velocity and, if measured, torque.
         max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the
             whole log.
@@ -281,7 +280,7 @@ class WindowRuns:
         self.channels = 3 if data.has_torque else 2
         self.command_mode = data.command_mode
         self.logs_kd = data.logs_kd
-        self.velocity_steps = data.velocity_steps
+        self._velocity_steps = data.velocity_steps
 
         self.segments = []
         for segment in data.segments:
@@ -425,7 +424,7 @@ class WindowRuns:
             recipe.history,
             recipe.window,
             at_rotor,
-            self.velocity_steps,
+            self._velocity_steps,
             out,
         )
         return out
