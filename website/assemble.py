@@ -157,7 +157,8 @@ def with_math(text: str) -> str:
         return f'<div class="formula">\n{formulas}\n</div>'
 
     text = MATH_BLOCK.sub(block, text)
-    return INLINE_MATH.sub(lambda match: convert(match[1]), text)
+    # without the span, a formula at the start of a line is a block and ends the paragraph
+    return INLINE_MATH.sub(lambda match: f"<span>{convert(match[1])}</span>", text)
 
 
 def main() -> None:
