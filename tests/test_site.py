@@ -81,6 +81,13 @@ def test_pictures_exist_and_have_a_text_for_those_who_do_not_see_them(project: P
     assert num_pictures >= 6
 
 
+def test_a_numbered_list_continues_after_a_command(project: Path):
+    text = (ROOT / "docs" / "hardware.md").read_text("utf-8")
+    page = (project / "build" / "site" / "hardware.html").read_text("utf-8")
+
+    assert page.count("<ol") == len(re.findall(r"^1\. ", text, re.MULTILINE)) > 0
+
+
 def test_a_page_loads_nothing_from_another_host(project: Path):
     for page in html_pages(project):
         for tag, attributes in Tags(page).tags:

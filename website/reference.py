@@ -39,9 +39,42 @@ OPTIONAL = {
         "motorprior.exports.newton.MotorPriorDrive",
     )
 }
+# what a constant means, with the speed v
+MEANINGS = {
+    "kp": "proportional gain: torque per angle error",
+    "kd_over_kp": "derivative gain over proportional gain",
+    "velocity_filter": "time constant of the low-pass of the velocity that the controller reads",
+    "delay": "time from a command to its effect",
+    "torque_limit": "largest torque of the control law",
+    "armature": "inertia of the rotor, reflected through the gear",
+    "coulomb": "dry friction, independent of the speed",
+    "stribeck_torque": "additional dry friction at rest, which fades with the speed",
+    "viscous_damping": "friction torque per speed of the rotor",
+    "load_friction": "dry friction per torque through the gear",
+    "gear_stiffness": "torque per twist of the gear",
+    "backlash": "play of the gear, from stop to stop",
+    "gear_damping": "torque per speed of the twist",
+    "encoder_zero": "angle that the encoder reads at the joint's zero",
+    "profile_speed": "largest speed of the reference that follows the target",
+    "profile_acceleration": "largest acceleration of this reference",
+    "output_encoder": "the controller reads the output shaft instead of the rotor",
+    "dead_zone": "errors up to this value are ignored",
+    "integral_rate": "growth of the integral torque: kp · integral_rate · angle error",
+    "integral_limit": "largest integral torque",
+    "stall_torque": "torque limit at rest: |torque| ≤ stall_torque · (1 − v/no_load_speed)",
+    "no_load_speed": "speed at which this limit is zero",
+    "current_time": "time constant with which the torque follows the control law",
+    "asymmetry": "dry friction × (1 + asymmetry · sign(v))",
+    "bristle_stiffness": "torque per angle of a rotor that dry friction holds",
+    "output_damping": "friction torque per speed of the joint",
+    "heat_loss": "share of the torque that a warm motor lacks",
+    "heat_time": "time constant of warming up",
+    "supply_share": "change of the control law's torque per relative change of the supply voltage",
+    "temperature_loss": "share of the torque lost per 50 K of the motor's temperature",
+}
 # constants in the table of motor cards
 CARD_CONSTANTS = ("armature", "coulomb", "viscous_damping", "kp", "delay")
-WIDTH = "118"  # columns of the help of commands, so that lines of docstrings are not broken
+WIDTH = "128"  # columns of the help of commands, so that lines of docstrings are not broken
 
 
 def pages() -> dict[str, str]:
@@ -100,18 +133,19 @@ def _help(name: str) -> str:
 
 
 def constants_page() -> str:
-    """Names, symbols' units and terms of a motor's constants."""
+    """Names, units and meanings of a motor's constants."""
     lines = ["# Constants", ""]
-    lines += ["Constants of every motor, at the output shaft. [The formula](../motor.md)", ""]
-    lines += ["| constant | unit |", "|---|---|"]
-    lines += [f"| `{name}` | {UNITS[name]} |" for name in PARAMETERS]
+    lines += ["Every motor has these constants, which are at the output shaft."]
+    lines += ["[The formula](../motor.md) combines them.", ""]
+    lines += ["| constant | unit | meaning |", "|---|---|---|"]
+    lines += [f"| `{name}` | {UNITS[name]} | {MEANINGS[name]} |" for name in PARAMETERS]
     lines += ["", "## Optional terms", ""]
-    lines += ["| term | constant | unit |", "|---|---|---|"]
+    lines += ["A fit adds a term where it reduces the error on held-out parts of the logs.", ""]
+    lines += ["| term | constant | unit | meaning |", "|---|---|---|---|"]
     for term_name, term in TERMS.items():
-        for constant in term.constants:
-            lines.append(f"| `{term_name}` | `{constant.name}` | {constant.unit} |")
-        if not term.constants:
-            lines.append(f"| `{term_name}` | – | |")
+        for name, unit in [(c.name, c.unit) for c in term.constants] or [(term_name, "–")]:
+            meaning = MEANINGS[name].replace("|", "\\|")
+            lines.append(f"| `{term_name}` | `{name}` | {unit} | {meaning} |")
     return "\n".join(lines) + "\n"
 
 

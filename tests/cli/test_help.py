@@ -23,6 +23,7 @@ def test_every_option_is_explained_with_its_unit(motorprior: Callable[..., Any],
 
     assert outcome.code == 0, outcome.err
     assert outcome.out.startswith(f"usage: motorprior {name}")
+    assert "``" not in outcome.out, "markup of docstrings"
 
     # alternately an option and the text after it
     plain = re.sub(r"[│╭╮╰╯─]", " ", outcome.out)

@@ -20,7 +20,7 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Logs in any format of docs/logs.md; with ``columns`` also any table, ROS 2 bag or file of
+    """Logs in any format of docs/logs.md; with `--columns` also any table, ROS 2 bag or file of
     arrays."""
     out: Path
     """Folder for the .parquet files."""
@@ -30,19 +30,19 @@ class LogsImport:
     """Sample period of the motor logs [s]; None keeps the recorded rows."""
     kp: tuple[float, ...] = ()
     """Position gain of the motors during the log: one value for all joints, or one per joint in the
-    order of the robot's joints (without a robot, in the order of ``columns``). The unit is N·m/rad,
-    or the firmware's unit for logs of Rhoban/bam and where ``columns`` states so. The setting
-    overrides the log and ``columns``."""
+    order of the robot's joints (without a robot, in the order of `--columns`). The unit is N·m/rad,
+    or the firmware's unit for logs of Rhoban/bam and where `--columns` states so. The setting
+    overrides the log and `--columns`."""
     kd: tuple[float, ...] = ()
-    """Velocity gain of the motors during the log, given like ``kp``; the unit is N·m·s/rad if that
+    """Velocity gain of the motors during the log, given like `--kp`; the unit is N·m·s/rad if that
     of kp is N·m/rad."""
     firmware: Mapping[str, float] = field(default_factory=dict)
-    """Registers of all servos, such as ``profile_speed 3 dead_zone 0.002``: profile_acceleration
+    """Registers of all servos, such as `profile_speed 3 dead_zone 0.002`: profile_acceleration
     [rad/s²] (Feetech STS: 0.1534 rad/s² per unit), profile_speed [rad/s] and dead_zone [rad]; 0
-    switches a register off. The setting overrides the log and ``columns``."""
+    switches a register off. The setting overrides the log and `--columns`."""
     operating_conditions: Mapping[str, float] = field(default_factory=dict)
     """Operating conditions of all motors: supply_voltage [V] and motor_temperature [°C]. The
-    setting overrides the log and ``columns``."""
+    setting overrides the log and `--columns`."""
     suspended: bool = False
     """The robot was suspended in the air, level unless the log has its orientation, so that its
     model gives the loads of the motors, which `identify` and `adapt` need. Logs that record another
@@ -50,7 +50,7 @@ class LogsImport:
     fit_load: bool = False
     """Fit the unknown load of each motor, and print its inertia and weight with standard
     deviations. The motors must be on a static base, each with a rigid body that is the same in all
-    logs. Needs ``columns``, kp in N·m/rad and the default period; not for a robot, whose model
+    logs. Needs `--columns`, kp in N·m/rad and the default period; not for a robot, whose model
     gives the loads."""
     robot: str | None = None
     """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md). If not
@@ -58,7 +58,7 @@ class LogsImport:
     their column map."""
     as_joint: tuple[str, ...] = ()
     """Names of the robot's joints for the motors in the log, in the log's order. Bench logs of a
-    motor, such as those of Rhoban/bam, become logs of ``robot``."""
+    motor, such as those of Rhoban/bam, become logs of `--robot`."""
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
