@@ -8,8 +8,10 @@ from dog import LEGS_TOML, quadruped, written
 from weighed_arm import DESCRIPTION
 from weighed_arm import MODEL as ARM
 
+from motorprior.actuator.generic_fleet import generic_parameters
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exports.cards import from_pretrained
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gait import walker_arrays
 from motorprior.locomotion.policy_shape import PolicyShape
@@ -54,6 +56,32 @@ def test_an_arm_has_the_values_of_its_description_and_model(tmp_path: Path):
 
     with pytest.raises(ConfigError, match="'arm'"):
         walker_arrays(arm)
+
+
+def test_an_arm_may_leave_its_gains_to_a_fit(tmp_path: Path):
+    text = ARM_TOML.replace("kp = 20.0\nkd = 0.5\n", "")
+    arm = load_robot(written(tmp_path, text, "arm", ARM))
+
+    assert text != ARM_TOML
+    assert arm.gains is None
+    assert "a fit identifies them" in str(arm)
+
+    # motors of a card have their own gains
+    motors = from_pretrained("xl330").sample(arm, seed=0)
+    World(arm, arm.twin_physics_dt).reset(motors, arm.nominal_pose)
+
+    with pytest.raises(ConfigError, match="'arm' has no gains") as refused:
+        generic_parameters(arm)
+    assert "kp" in str(refused.value.remedy)
+
+
+def test_legs_need_gains_and_kp_needs_kd(tmp_path: Path):
+    for name, text, body in (
+        ("arm", ARM_TOML.replace("kd = 0.5\n", ""), ARM),
+        ("dog", LEGS_TOML.replace("kp = 20.0\nkd = 0.5\n", ""), quadruped()),
+    ):
+        with pytest.raises(ArtifactError, match=r"no (kp and no )?kd"):
+            load_robot(written(tmp_path, text, name, body))
 
 
 def test_lengths_of_legs_and_standing_height_come_from_the_model(dog: Robot):
@@ -130,7 +158,7 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
         (("[0.1, -0.2]", "[0.1, -0.2, 0.3]"), "nominal_pose .*3"),
         (("[0.1, -0.2]", "[0.1, -9.0]"), "nominal_pose -9 rad.*'elbow'"),
         (("kp = 20.0", "kp = -1"), "kp = -1"),
-        (("kp = 20.0", "kP = 20.0"), "'kP'.*'kp'"),
+        (("kp = 20.0", "kP = 20.0"), r"'kP'.*\bkp\b"),
         (("arm.xml", "leg.xml"), "leg.xml"),
         (('"fixed"', '"free"'), "arm.xml.*free"),
         (('"arm"', f'"{DEFAULT_ROBOT}"'), f"name = '{DEFAULT_ROBOT}'"),

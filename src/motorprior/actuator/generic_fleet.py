@@ -29,10 +29,9 @@ def generic_parameters(robot: Robot) -> dict[str, Distribution]:
 
     armature = kp/ROTOR_RATE² and coulomb = FRICTION_ERROR·kp; gear, damping and stall torque scale
     likewise. The uncertainty of the centre, shared by the motors of a robot, is a factor of 1.5 for
-    armature and 1.6 for friction.
+    armature and 1.6 for friction. Raises ConfigError for a robot without gains.
     """
-    kp = float(np.median([joint.kp for joint in robot.joints]))
-    kd = float(np.median([joint.kd for joint in robot.joints]))
+    kp, kd = np.median(robot.require_gains(), axis=1).tolist()
     torque_limit = float(np.median([joint.torque_limit for joint in robot.joints]))
     coulomb = FRICTION_ERROR * kp
     return {

@@ -244,10 +244,14 @@ FRICTION_PD = ActuatorKind(
 
 
 def described_pd(robot: "Robot") -> IdealPd:
-    """An ideal PD with the gains and torque limits of the robot's description."""
+    """An ideal PD with the gains and torque limits of the robot's description.
+
+    Raises ConfigError if the description has no gains.
+    """
+    kp, kd = robot.require_gains()
     return IdealPd.without_friction(
-        kp=np.array([joint.kp for joint in robot.joints]),
-        kd=np.array([joint.kd for joint in robot.joints]),
+        kp=kp,
+        kd=kd,
         torque_limit=np.array([joint.torque_limit for joint in robot.joints]),
         armature=np.zeros(robot.num_joints),
         delay=np.zeros(robot.num_joints),

@@ -188,7 +188,7 @@ class MotorPrior(Printable):
                 in order. Another number is allowed for priors with one class.
             seed: seed, or a generator to continue.
             gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". The
-                default is the gains of the robot; without a robot, the gains of the training motors
+                default is the gains of the robot; without these, the gains of the training motors
                 if there are as many, and otherwise the medians of the classes. Without a robot and
                 gains, motors of logs with velocity or torque commands obey such commands.
             spread: factor on the standard deviation of z [-]; 0 gives the mean motors of the
@@ -525,13 +525,10 @@ def card_file(name: str) -> Path | None:
 def robot_gains(prior: MotorPrior, robot: "Robot") -> np.ndarray | None:
     """(2, joints) kp and kd of the robot's description.
 
-    None if the prior's motors do not scale with gains in SI units.
+    None if the prior's motors do not scale with gains in SI units, or the description has no
+    gains.
     """
-    if prior.model.gain_unit != PHYSICAL_GAINS:
-        return None
-    kp = [joint.kp for joint in robot.joints]
-    kd = [joint.kd for joint in robot.joints]
-    return np.array([kp, kd])
+    return robot.gains if prior.model.gain_unit == PHYSICAL_GAINS else None
 
 
 def with_command_mode(

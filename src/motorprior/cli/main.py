@@ -10,6 +10,8 @@ from motorprior.exceptions import MotorPriorError
 
 _BROKEN_PIPE = 141  # exit code of a shell command that SIGPIPE ends
 _INTERRUPTED = 130
+# modules of Python that Windows lacks, without which no robot is reached
+_POSIX = ("fcntl", "pty", "resource", "termios")
 
 
 def main() -> None:
@@ -22,6 +24,8 @@ def main() -> None:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("motorprior"):
             raise
+        if error.name in _POSIX:
+            _fail("this command needs Linux or macOS -> on Windows, run it in WSL")
         _fail(
             f"{error.name} is not installed -> pip install {error.name}; "
             "the robot's own computer has only deploy, record and doctor (docs/hardware.md)"

@@ -8,6 +8,7 @@ from typing import Any, get_type_hints
 import tyro
 
 from motorprior.cli.command_table import Command
+from motorprior.cli.unknown_options import unknown_word
 from motorprior.exceptions import ConfigError
 
 HELP = ("-h", "--help")
@@ -17,13 +18,17 @@ HELP_ALL = "--help-all"
 def parse_options(command: Command, name: str, words: list[str]) -> Any:
     """Settings of the command ``name`` from the words that follow it.
 
-    Raises ConfigError for an empty list of files, and SystemExit after help (code 0) or a wrong
-    option (code 2).
+    Raises ConfigError for an unknown option or an empty list of files, and SystemExit after help
+    (code 0) or a wrong value (code 2).
     """
     shows_all = HELP_ALL in words or not set(HELP) & set(words)
     declaration = _declaration(command, shows_all)
     tyro_words = ["--help" if word == HELP_ALL else word for word in words]
-    settings = tyro.cli(declaration, prog=f"motorprior {name}", args=tyro_words)
+    settings, unknown = tyro.cli(
+        declaration, prog=f"motorprior {name}", args=tyro_words, return_unknown_args=True
+    )
+    if unknown:
+        raise unknown_word(command, words, unknown[0])
     _require_files(settings)
     return settings
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.constants import Constants
-from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
+from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.evaluation.errors import FREE_RUN_RMSE, PRIOR, TUNED_PD, WHOLE_RUN_RMSE
 from motorprior.evaluation.free_runs import (
     FREE_RUN,
@@ -202,18 +202,18 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> MotorModel | None:
 
     None if neither has gains in N·m/rad.
     """
-    described = None
     limit = np.full(log.num_joints, 1e9)
     joints = []
     if robot is not None:
-        described = described_pd(robot)
         joints = [robot.joint_names.index(name) for name in log.joint_names]
-        limit = described.torque_limit[joints]
+        limit = np.array([robot.joints[index].torque_limit for index in joints])
 
     zeros = np.zeros(log.num_joints)
     ones = np.ones(log.num_joints)
     if log.logged_kd is not None and log.gain_unit == PHYSICAL_GAINS:
         return GainScaledPd(IdealPd.without_friction(ones, ones, limit, zeros, zeros), np.ones(2))
-    if described is None or log.logged_kp is not None:
+    gains = None if robot is None else robot.gains
+    if gains is None or log.logged_kp is not None:
         return None
-    return IdealPd.without_friction(described.kp[joints], described.kd[joints], limit, zeros, zeros)
+    kp, kd = gains[:, joints]
+    return IdealPd.without_friction(kp, kd, limit, zeros, zeros)

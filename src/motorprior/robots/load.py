@@ -1,5 +1,6 @@
 """Load a robot by name, or from a TOML next to its MJCF or URDF (docs/your-robot.md)."""
 
+import math
 import re
 from dataclasses import fields, replace
 from functools import partial
@@ -57,11 +58,14 @@ _INTEGERS = many(Field("an integer", lambda value: type(value) is int), 1)
 _SIGNS = many(Field("1 or -1", lambda value: type(value) is int and value in (1, -1)), 1)
 _PER_JOINT = {
     "nominal_pose": _per_joint_field(number(-1e9, 1e9)),
-    "kp": _per_joint_field(_POSITIVE),
-    "kd": _per_joint_field(number(0.0, 1e9)),
     "torque_limit": _per_joint_field(_POSITIVE),
 }
+_GAINS = {
+    "kp": _per_joint_field(_POSITIVE),
+    "kd": _per_joint_field(number(0.0, 1e9)),
+}
 _OPTIONAL = {
+    **_GAINS,
     "encoder": one_of("joint", "rotor"),
     "actuators": one_of("remove"),
     "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
@@ -149,7 +153,11 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
 
     # numbers and classes per joint
     per_leg = len(names) // max(1, len(leg_tables))
-    numbers = {key: _per_joint(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
+    _require_gains(table, where)
+    numbers = {
+        key: _per_joint(key, table.get(key, math.nan), len(names), per_leg, where)
+        for key in (*_PER_JOINT, *_GAINS)
+    }
     classes: tuple[str, ...] = ()
     if "joint_classes" in table:
         given_classes = table["joint_classes"]
@@ -198,6 +206,14 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         servos=_servos(table.get("servos"), len(names), path),
         **_clocks(table, where),
     )
+
+
+def _require_gains(table: dict[str, Any], where: str) -> None:
+    """Raise ArtifactError for one gain without the other, or legs, which need gains to stand."""
+    missing = [key for key in _GAINS if key not in table]
+    if missing and (len(missing) < len(_GAINS) or table.get("legs")):
+        remedy = "give kp and kd; only a robot without legs may leave out both"
+        raise ArtifactError(f"no {' and no '.join(missing)}", where=where, remedy=remedy)
 
 
 def _joints(

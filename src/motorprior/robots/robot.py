@@ -29,8 +29,8 @@ class Joint:
     name: str  # name of the hinge in the robot's model
     lower: float  # lower limit [rad]
     upper: float  # upper limit [rad]
-    kp: float  # nominal gain at the joint [N·m/rad]
-    kd: float  # [N·m·s/rad]
+    kp: float  # nominal gain at the joint [N·m/rad]; NaN if the description has none
+    kd: float  # [N·m·s/rad]; NaN as kp
     torque_limit: float  # [N·m]
 
 
@@ -232,18 +232,38 @@ class Robot(Printable):
 
     def overview(self) -> Overview:
         """For people: motors, joints and size."""
-        kp = [f"{value:g}" for value in sorted({joint.kp for joint in self.joints})]
-        kd = [f"{value:g}" for value in sorted({joint.kd for joint in self.joints})]
+        gains = self.gains
+        if gains is None:
+            gain_facts = {"gains": "none; a fit identifies them"}
+        else:
+            kp, kd = ([f"{value:g}" for value in np.unique(row)] for row in gains)
+            gain_facts = {"kp": f"{listed(kp, 4)} N·m/rad", "kd": f"{listed(kd, 4)} N·m·s/rad"}
         facts = {
             "motors": self.motor,
             "joints": listed(self.joint_names, 12),
             "legs": str(len(self.legs) or ""),
-            "kp": f"{listed(kp, 4)} N·m/rad",
-            "kd": f"{listed(kd, 4)} N·m·s/rad",
+            **gain_facts,
             "mass": f"{self.weight / GRAVITY:.2f} kg" if self.weight else "",
             "clocks": f"physics {1e3 * self.physics_dt:g} ms, control {1e3 * self.control_dt:g} ms",
         }
         return Overview(f"robot {self.name}, {self.base} base", facts)
+
+    @property
+    def gains(self) -> np.ndarray | None:
+        """(2, joints) nominal kp [N·m/rad] and kd [N·m·s/rad]; None if the description has none."""
+        kp = [joint.kp for joint in self.joints]
+        kd = [joint.kd for joint in self.joints]
+        return None if np.isnan([kp, kd]).any() else np.array([kp, kd])
+
+    def require_gains(self) -> np.ndarray:
+        """The nominal gains, as `gains`; raises ConfigError if the description has none."""
+        gains = self.gains
+        if gains is None:
+            raise ConfigError(
+                f"the file of robot {self.name!r} has no gains",
+                remedy="give kp [N·m/rad] and kd [N·m·s/rad] there, or use motors of a prior",
+            )
+        return gains
 
     @property
     def num_joints(self) -> int:
