@@ -1,7 +1,9 @@
 """`import motorprior as mp`: a light import, the public names, and the chain from log to policy."""
 
 import ast
+import inspect
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -20,6 +22,17 @@ LIGHT = (
     *("MotorPriorError", "LogError", "ArtifactError", "ConfigError", "SimulationFault"),
 )
 ROBOT = mp.load_robot("pupper_v2")
+
+
+def test_public_docstrings_name_no_constants_of_the_code():
+    for name in mp.__all__:
+        value = getattr(mp, name)
+        members = vars(value).values() if inspect.isclass(value) else ()
+        for documented in (value, *members):
+            text = "" if isinstance(documented, str) else inspect.getdoc(documented) or ""
+            # such as MAX_RATIO; a reader of the reference cannot look it up
+            assert not re.search(r"\b[A-Z]{2,}_[A-Z_]+\b", text), (name, text)
+            assert not text.startswith("See "), (name, text)
 
 
 def test_the_import_of_the_package_and_of_light_names_loads_no_heavy_library():

@@ -96,7 +96,7 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     Raises:
         ArtifactError: unknown name, invalid TOML, unknown or missing keys, wrong unit, or a value
             out of range.
-        ConfigError: its central motor cannot be simulated, see `Family.require_stable`.
+        ConfigError: its central motor is unstable at the steps of its simulation.
     """
     path = fleet_path(name_or_path)
     data = read_toml(path, _COMPARE)

@@ -104,7 +104,7 @@ class IdealPd:
 
     @property
     def kind(self) -> ActuatorKind:
-        """IDEAL_PD, or FRICTION_PD if any motor has friction."""
+        """The kind of PD: ideal, or with friction if any motor has some."""
         return FRICTION_PD if self.coulomb.any() else IDEAL_PD
 
     @property
@@ -118,14 +118,14 @@ class IdealPd:
         return self.kd
 
     def with_factors(self, factors: ConstantFactors) -> "IdealPd":
-        """See `Actuator.with_factors`."""
+        """The same motors with scaled constants; see `Actuator.with_factors`."""
         if self.kind is IDEAL_PD:
             require_unchanged(self.kind, factors, "coulomb")
         scaled = {name: getattr(self, name) * factor for name, factor in factors._asdict().items()}
         return replace(self, **scaled)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`."""
+        """New arrays for steps of ``physics_dt`` [s]; see `Actuator.arrays`."""
         require_step(physics_dt)
         ring = int(np.ceil(self.delay.max() / physics_dt)) + 2
         rows = [self.kp, self.kd, self.delay / physics_dt, self.torque_limit]

@@ -134,11 +134,11 @@ class MotorPosterior(Printable):
     def constants(self) -> Constants:
         """Constants of these motors, from the log and the prior, and ranges of new motors.
 
-        The estimates are medians and 90 % intervals of samples of the posterior, with
-        `MODEL_ERROR`, at the motors' gains. A constant is identified if the interval is as narrow
-        as in a prior (`estimates.MAX_RATIO`), and the log narrows it: for at least half of the
-        motors, its standard deviation in the posterior is below MAX_NARROWED_RATIO times its
-        standard deviation in the prior. For positive constants it is the standard deviation of the
+        The estimates are medians and 90 % intervals of samples of the posterior, with an allowance
+        for the error of the model, at the motors' gains. A constant is identified if the upper end
+        of the interval is less than twice the lower end, and the log narrows it: for at least half
+        of the motors, its standard deviation in the posterior is below 0.8 times its standard
+        deviation in the prior. For positive constants it is the standard deviation of the
         logarithm.
         """
         mean, std, _ = self.prior.predicted(self.joint_names)

@@ -149,7 +149,7 @@ class MotorPrior(Printable):
 
     @property
     def command_mode(self) -> str:
-        """Command mode of the training logs, one of `motor_log.COMMAND_MODES`."""
+        """Command mode of the training logs, position, mit, velocity or torque."""
         return self.model.command_mode if isinstance(self.model, GreyBox) else "position"
 
     @property
@@ -232,7 +232,9 @@ class MotorPrior(Printable):
         return motors.with_factors(ConstantFactors(one, one, factor, one))
 
     def with_frozen(self, group: str) -> "MotorPrior":
-        """The prior with one group of constants (`FROZEN`) fixed at the values of the mean motor.
+        """The prior with one group of constants fixed at the values of the mean motor.
+
+        The groups are friction, delay, armature and gear.
 
         Raises:
             ConfigError: an unknown group, or a prior without physical constants.
@@ -308,9 +310,9 @@ class MotorPrior(Printable):
     def predicted(self, joints: MotorLog | Sequence[str]) -> Prediction:
         """Prediction of the motors of a log, without using its rows, or of joints of these names.
 
-        A joint is predicted to have the training motor of the same name, with standard deviation
-        SAME_JOINT_STD, or else a new motor of its class. With several classes the standard
-        deviation is always 1, as between motors, since the log may be from another robot.
+        A joint is predicted to have the training motor of the same name, with a standard deviation
+        of 0.3 of that between motors, or else a new motor of its class. With several classes the
+        standard deviation is always that between motors, since the log may be from another robot.
         """
         joint_names = joints if isinstance(joints, Sequence) else joints.joint_names
         classes = self.joint_classes(joints)

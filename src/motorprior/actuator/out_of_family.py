@@ -404,7 +404,7 @@ class OutOfFamilyMotors(TrueMotors):
         return angle, velocity, torque + self.log_torque_noise * noise_of_torque
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`."""
+        """New arrays for steps of ``physics_dt`` [s]; see `Actuator.arrays`."""
         require_step(physics_dt, MAX_STEP)
         table = np.stack([getattr(self, field.name) for field in fields(self)[:NUM_ROWS]])
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))

@@ -78,7 +78,7 @@ class TrueMotors(ABC):
 
     @abstractmethod
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`."""
+        """New arrays for steps of ``physics_dt`` [s]; see `Actuator.arrays`."""
 
     def take(self, index: np.ndarray) -> Self:
         """The motors at ``index``."""
@@ -140,14 +140,14 @@ class PhysicalActuator:
         return getattr(self.motors, "output_damping", np.zeros(self.num_motors))
 
     def with_factors(self, factors: ConstantFactors) -> "PhysicalActuator":
-        """See `Actuator.with_factors`."""
+        """The same motors with scaled constants; see `Actuator.with_factors`."""
         scales = {
             name: getattr(factors, factor) for name, factor in self.motors.factor_names.items()
         }
         return PhysicalActuator(self.motors.scaled(scales))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`."""
+        """New arrays for steps of ``physics_dt`` [s]; see `Actuator.arrays`."""
         return self.motors.arrays(physics_dt)
 
 
@@ -309,7 +309,7 @@ class PhysicalMotors(TrueMotors):
     encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`."""
+        """New arrays for steps of ``physics_dt`` [s]; see `Actuator.arrays`."""
         require_step(physics_dt, MAX_STEP)
         table = np.stack([getattr(self, field.name) for field in fields(self)])
         ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2

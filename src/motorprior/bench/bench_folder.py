@@ -132,8 +132,8 @@ def record_bench(
         preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same,
             shorter), narrow (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
         seed: of the motors and their excitation; the log is deterministic.
-        excitation: a name of `EXCITATIONS`, or a file of `fit_excitation` with its loads, played in
-            every segment instead of the preset's.
+        excitation: sine, steps, gait, impacts, creep, chirp or multisine, or a file of
+            `fit_excitation` with its loads, played in every segment instead of the preset's.
         out: folder for log.parquet and bench.json; a repeated call reads them. Nothing is written
             without it.
         progress: where to report to.

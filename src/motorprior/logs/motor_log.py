@@ -170,7 +170,7 @@ class MotorLog(Printable):
 
     @property
     def num_joints(self) -> int:
-        """J."""
+        """Number of joints, J."""
         return len(self.joint_names)
 
     @property
@@ -188,7 +188,7 @@ class MotorLog(Printable):
 
     @property
     def num_rows(self) -> int:
-        """T."""
+        """Number of rows, T."""
         return len(self.time)
 
     @property
@@ -266,7 +266,7 @@ class MotorLog(Printable):
 
     @property
     def operating_conditions(self) -> dict[str, np.ndarray]:
-        """(J,) mean of each logged channel of OPERATING_CONDITIONS."""
+        """(J,) means of the logged supply voltage [V] and motor temperature [°C], by channel."""
         return {
             name: value.mean(axis=0)
             for name, value in channels(self).items()

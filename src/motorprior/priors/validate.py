@@ -83,18 +83,18 @@ def validate(
 
         ``free_run_rmse`` and ``whole_run_rmse`` are errors [rad] of free runs of 1 s and of whole
         segments: median and mean over the motors, and the error of each motor (``part``). There are
-        three kinds of models. ADAPTED is the prior adapted to the training rows. PRIOR is not
-        adapted: a joint has the training motor of the same name or, if there is none, the mean
+        three kinds of models. ``adapted`` is the prior adapted to the training rows. ``prior`` is
+        not adapted: a joint has the training motor of the same name or, if there is none, the mean
         motor of the joint's class. The `fitted_baselines` have an error of 2π if they cannot be
         fitted.
 
         ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and ``whole_run_coverage90`` are
         shares of the recorded angles within the 50 % and 90 % bands of sampled motors. The motors
-        of ADAPTED are samples of the posterior, the motors of PRIOR are samples of
+        of ``adapted`` are samples of the posterior, the motors of ``prior`` are samples of
         `MotorPrior.predicted`.
 
-        TRAINED_ON is 1 if the prior was trained on the log, so that the results are not a test, and
-        0 otherwise.
+        ``prior_was_trained_on_this_log`` is 1 if the prior was trained on the log, so that the
+        results are not a test, and 0 otherwise.
 
     Raises:
         LogError: a log that lacks a channel, is too short, or has other joints than ``fitted_on``.
