@@ -5,7 +5,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from notebooks import missing_packages, run_notebook
+from notebooks import missing_packages, notebook_page, run_notebook
 
 TUTORIALS = sorted((Path(__file__).resolve().parents[1] / "tutorials").glob("*.ipynb"))
 
@@ -15,6 +15,17 @@ def test_a_tutorial_is_stored_without_output(path: Path):
     for cell in nbformat.read(path, as_version=4).cells:
         assert not cell.get("outputs")
         assert cell.get("execution_count") is None
+
+
+def test_a_page_shows_a_warning_without_the_place_in_the_code(tmp_path: Path):
+    text = "before\n/home/me/fit.py:24: UserWarning: a limit is unknown\n  report(note)\nafter\n"
+    cell = nbformat.v4.new_code_cell("fit()")
+    cell.outputs = [nbformat.v4.new_output("stream", name="stderr", text=text)]
+    nbformat.write(nbformat.v4.new_notebook(cells=[cell]), tmp_path / "fit.ipynb")
+
+    page = notebook_page(tmp_path / "fit.ipynb", tmp_path / "a" / "b" / "fit.md", run=False)
+
+    assert "before\nUserWarning: a limit is unknown\nafter\n" in page
 
 
 @pytest.mark.slow

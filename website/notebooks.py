@@ -14,6 +14,8 @@ from nbclient import NotebookClient
 CELL_SECONDS = 300  # longest time of a cell [s]
 # a progress line that later ones overwrite, and colours of a terminal
 OVERWRITTEN = re.compile(r"^.*\r(?!\n)", re.MULTILINE)
+# place and code line of a Python warning, which are those of the computer that builds the site
+WARNING = re.compile(r"^\S+\.py:\d+: (\w*Warning: .*)\n +.*\n?", re.MULTILINE)
 ESCAPES = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 
 
@@ -91,6 +93,7 @@ def _output(output: Any, picture: Path) -> str:
     """Markdown of one output of a cell."""
     if output.output_type == "stream":
         text = ESCAPES.sub("", OVERWRITTEN.sub("", output.text))
+        text = WARNING.sub(r"\1\n", text)
         return f"```text\n{text.rstrip()}\n```" if text.strip() else ""
 
     data = output.get("data", {})
