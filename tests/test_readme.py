@@ -70,6 +70,8 @@ def parses(args: list[str]) -> None:
         parse(args)
     except SystemExit as stop:  # --help leaves with 0
         assert not stop.code, f"motorprior {shlex.join(args)} does not parse"
+    except mp.ConfigError as error:  # an unknown option
+        raise AssertionError(f"motorprior {shlex.join(args)}: {error}") from error
 
 
 def make_succeeds(args: list[str]) -> None:
