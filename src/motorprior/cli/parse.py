@@ -14,8 +14,8 @@ _DESCRIPTION = "Identify motors from logs, train walking policies on them, evalu
 def parse(words: list[str]) -> tuple[Command, Any]:
     """Command and settings of a command line, without the word `motorprior`.
 
-    Raises ConfigError for an unknown command or an empty list of files, and SystemExit after help
-    and version (code 0) or a wrong option (code 2).
+    Raises ConfigError for an unknown command, an unknown option or an empty list of files, and
+    SystemExit after help and version (code 0) or a wrong value (code 2).
     """
     if words == ["--version"]:
         print(f"motorprior {__version__}")
