@@ -13,6 +13,7 @@ OUT/seed_k, as of `motorprior demo --seed k`; finished demos are not repeated. W
 Five minutes per seed on two cores.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -113,10 +114,13 @@ def walks_of(walks: Sequence[WalkRow], environment: str, condition: str) -> list
 
 
 def add_estimate(figures: dict[str, float], name: str, estimate: Estimate) -> None:
-    """Add a value and its interval to the figures."""
-    figures[name] = estimate.value
-    figures[f"{name}/low"] = estimate.low
-    figures[f"{name}/high"] = estimate.high
+    """Add a value and its interval to the figures; they are not finite if walks are too short."""
+    numbers = {
+        name: estimate.value,
+        f"{name}/low": estimate.low,
+        f"{name}/high": estimate.high,
+    }
+    figures |= {key: number for key, number in numbers.items() if math.isfinite(number)}
 
 
 def tables(
@@ -142,12 +146,14 @@ def tables(
 
 
 def text(estimate: Estimate, factor: float, number_format: str) -> str:
-    """A value and its interval."""
-    value, low, high = (
+    """A value and its interval, which a single bench does not have."""
+    numbers = [
         f"{factor * number:{number_format}}"
         for number in (estimate.value, estimate.low, estimate.high)
-    )
-    return f"{value} ({low} to {high})"
+    ]
+    if not math.isfinite(estimate.low):
+        return numbers[0]
+    return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
 
 
 if __name__ == "__main__":

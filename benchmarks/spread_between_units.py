@@ -3,36 +3,41 @@
     python benchmarks/spread_between_units.py --out runs/spread
 
 Fleets are copies of the robot's fleet whose spread between units is SPREADS times the calibrated
-one, and a fleet whose battery is anything from full to empty. On every bench of a fleet, a policy
-per condition and seed is trained as in the transfer study (docs/transfer.md), and evaluated on
-held-out robots of the same fleet in the environments fleet and hard.
+one. On every bench of a fleet, a policy per condition and seed is trained as in the transfer study
+(docs/transfer.md), and evaluated on held-out robots of the same fleet in the environments fleet and
+hard.
 
 Policies are trained breadth first: one in every cell of fleet, bench and condition, then a second
 one. A rerun resumes, and every round writes
 
     figures.json    FLEET/ENVIRONMENT/CONDITION/QUANTITY, with /low and /high: mean over policies
-                    with its 95 % interval; QUANTITY is upright [-] or speed [m/s]; own is the
-                    simulation of the training
+                    with its 95 % interval for these benches; QUANTITY is upright [-] or speed
+                    [m/s]; own is the simulation of the training
                     FLEET/ENVIRONMENT/CONDITION/minus_REFERENCE: difference in time upright from
                     the central motor and from the randomised PD, same bench and seed
-    table.md        time upright and speed of all cells
+                    FLEET/ENVIRONMENT/CONDITION/bench_SEED: time upright of the policies of a bench
+                    FLEET/own/CONDITION/untrained: policies that are the untrained gait, since no
+                    later one had a larger return in the evaluations of its training
+    table.md        time upright and speed of all cells, and the differences
     spread.png      time upright and speed against the spread between units
 
 Sixteen minutes on two cores for one policy in every cell of one bench.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+from scipy.special import stdtrit
 
 from figures import PROGRESS, markdown, run_benchmark
 from motorprior.actuator.distribution import Distribution
 from motorprior.actuator.fleet import Fleet, load_robot_fleet, write_fleet
 from motorprior.artifacts import write_json, write_text
+from motorprior.locomotion.policy import Policy
 from motorprior.progress import usable_threads
 from motorprior.report.plots_style import (
     legend_below,
@@ -46,14 +51,14 @@ from motorprior.report.plots_style import (
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.training import POLICY
 from motorprior.stage import FIGURES
-from motorprior.studies.statistics import IN_TRAINING, WalkRow, mean_interval
+from motorprior.studies.statistics import IN_TRAINING, LEVEL, WalkRow
 from motorprior.studies.study_settings import Study
-from motorprior.studies.transfer import policy_runs_of, walk_table, with_selected
+from motorprior.studies.transfer import PolicyRun, policy_runs_of, walk_table, with_selected
 from motorprior.studies.transfer_models import adapt_robots, fit_models, robots_of
 
 SPREADS = (0.0, 1.0, 2.0, 4.0)  # factors on the calibrated spread between units
-BATTERY = "battery"  # fleet with any charge
 CONDITIONS = (
     "central_motor",
     "random_pd",
@@ -65,11 +70,6 @@ CONDITIONS = (
 REFERENCES = ("central_motor", "random_pd")
 ENVIRONMENTS = ("fleet", "hard")
 QUANTITIES = ("upright", "speed")
-# Charge of the battery: voltage from full to empty over nominal. Six lithium cells have 4.2 to 3.0
-# V, nominally 3.7 V.
-FULL = 4.2 / 3.7
-EMPTY = 3.0 / 3.7
-SCALED_BY_VOLTAGE = ("stall_torque", "no_load_speed")
 _MIN_SHARE = 0.1  # smallest value of a widened uniform range over its center [-]
 
 Cell = tuple[str, str, str]  # fleet, environment, condition
@@ -84,7 +84,6 @@ class Settings:
     out: Path  # run folder
     robot: str = DEFAULT_ROBOT  # robot
     spreads: tuple[float, ...] = SPREADS  # factors on the spread between units
-    battery: bool = True  # also the fleet with any charge of the battery
     conditions: tuple[str, ...] = CONDITIONS  # training conditions
     benches: int = 2  # benches of each fleet
     policies: int = 6  # policies per fleet, bench and condition
@@ -110,13 +109,6 @@ def fleets_of(settings: Settings, robot: Robot) -> dict[str, Fleet]:
         parameters = {name: scaled(value, spread) for name, value in base.parameters.items()}
         name = f"spread_{spread:g}"
         fleets[name] = replace(base, name=name, parameters=parameters)
-    if settings.battery:
-        parameters = dict(base.parameters)
-        for name in SCALED_BY_VOLTAGE:
-            nominal = base.parameters[name].center
-            values = {"low": EMPTY * nominal, "high": FULL * nominal, "shared": 1.0}
-            parameters[name] = Distribution("uniform", values)
-        fleets[BATTERY] = replace(base, name=BATTERY, parameters=parameters)
     return fleets
 
 
@@ -173,6 +165,7 @@ def compute(settings: Settings) -> dict[str, float]:
     studies = studies_of(settings)
     threads = usable_threads(settings.workers, PROGRESS)
     walks: defaultdict[str, list[WalkRow]] = defaultdict(list)
+    untrained: Counter[tuple[str, str]] = Counter()
     figures: dict[str, float] = {}
     for seed, bench_number in product(range(settings.policies), range(settings.benches)):
         for name, study in studies.items():
@@ -183,12 +176,22 @@ def compute(settings: Settings) -> dict[str, float]:
             robots = [robot for robot in robots_of(bench) if robot[-1] == seed]
             adapt_robots(robots, threads, PROGRESS)
 
-            walks[name] += walk_table(selected, policy_runs_of(bench, seed), PROGRESS)
+            runs = policy_runs_of(bench, seed)
+            walks[name] += walk_table(selected, runs, PROGRESS)
+            untrained.update((name, run.name) for run in runs if is_untrained(bench, run))
             figures = summary(walks)
+            for (fleet, condition), count in untrained.items():
+                figures[f"{fleet}/{IN_TRAINING}/{condition}/untrained"] = count
             write_json(settings.out / FIGURES, figures)
             write_text(settings.out / "table.md", table(figures, settings))
             (settings.out / "spread.png").write_bytes(picture(figures, settings))
     return figures
+
+
+def is_untrained(bench: Study, run: PolicyRun) -> bool:
+    """Whether the best policy of a training is the one before its first iteration."""
+    policy = Policy.load(bench.out / "policies" / run.folder / POLICY)
+    return policy.provenance["iteration"] == 0
 
 
 def summary(walks: Mapping[str, Sequence[WalkRow]]) -> dict[str, float]:
@@ -199,19 +202,27 @@ def summary(walks: Mapping[str, Sequence[WalkRow]]) -> dict[str, float]:
         cell = f"{fleet}/{environment}/{condition}"
         figures[f"{cell}/policies"] = len(policies)
         for quantity in QUANTITIES:
-            values = [policy[quantity] for policy in policies.values()]
+            values = {policy: means[quantity] for policy, means in policies.items()}
             bounds = (0.0, 1.0) if quantity == "upright" else (-np.inf, np.inf)
             add_interval(figures, f"{cell}/{quantity}", values, bounds)
+
+        for bench, values in by_bench(upright_of(policies)).items():
+            figures[f"{cell}/bench_{bench}"] = float(np.mean(values))
 
         for reference in REFERENCES:
             others = cells.get((fleet, environment, reference), {})
             if reference == condition or not others:
                 continue
-            differences = []
+            differences = {}
             for policy in policies.keys() & others.keys():
-                differences.append(policies[policy]["upright"] - others[policy]["upright"])
+                differences[policy] = policies[policy]["upright"] - others[policy]["upright"]
             add_interval(figures, f"{cell}/minus_{reference}", differences)
     return figures
+
+
+def upright_of(policies: PolicyMeans) -> dict[tuple[int, int], float]:
+    """Time upright of every policy [-]."""
+    return {policy: means["upright"] for policy, means in policies.items()}
 
 
 def policy_means(walks: Mapping[str, Sequence[WalkRow]]) -> dict[Cell, PolicyMeans]:
@@ -229,42 +240,84 @@ def policy_means(walks: Mapping[str, Sequence[WalkRow]]) -> dict[Cell, PolicyMea
     return dict(cells)
 
 
+def by_bench(values: Mapping[tuple[int, int], float]) -> dict[int, np.ndarray]:
+    """Values of policies (bench, seed), by bench."""
+    of_benches: defaultdict[int, list[float]] = defaultdict(list)
+    for (bench, _), value in sorted(values.items()):
+        of_benches[bench].append(value)
+    return {bench: np.array(of_bench) for bench, of_bench in of_benches.items()}
+
+
 def add_interval(
     figures: dict[str, float],
     name: str,
-    values: Sequence[float],
+    values: Mapping[tuple[int, int], float],
     bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> None:
-    """Add the mean of the values, and the ends of its interval if there are several values.
+    """Add the mean over benches, and the ends of its interval if benches have several policies.
 
-    ``bounds`` are those of a mean.
+    The benches are strata: with B of them, n_b policies each and their variance s_b², the variance
+    of the mean of the benches' means is Σ s_b²/n_b / B², and Student's t has Σ (n_b - 1) degrees of
+    freedom. The interval is about these benches; two are too few for one over benches. ``bounds``
+    are those of a mean.
     """
-    interval = mean_interval(np.array(values))
-    figures[name] = interval.value
-    if np.isfinite(interval.low):
-        figures[f"{name}/low"] = max(interval.low, bounds[0])
-        figures[f"{name}/high"] = min(interval.high, bounds[1])
+    benches = list(by_bench(values).values())
+    mean = float(np.mean([of_bench.mean() for of_bench in benches]))
+    figures[name] = mean
+    if min(len(of_bench) for of_bench in benches) < 2:
+        return
+
+    variances = [of_bench.var(ddof=1) / len(of_bench) for of_bench in benches]
+    error = np.sqrt(np.sum(variances)) / len(benches)
+    freedom = sum(len(of_bench) - 1 for of_bench in benches)
+    reach = float(stdtrit(freedom, 0.5 * (1.0 + LEVEL)) * error)
+    figures[f"{name}/low"] = max(mean - reach, bounds[0])
+    figures[f"{name}/high"] = min(mean + reach, bounds[1])
 
 
 def table(figures: Mapping[str, float], settings: Settings) -> str:
-    """A row per fleet and condition: policies, time upright and speed."""
+    """Two tables, a row per fleet and condition: time upright and speed; differences."""
     head = ["motors of a robot", "trained on", "policies", "own, upright [%]"]
     head += [f"{environment}, upright [%]" for environment in ENVIRONMENTS]
+    head += ["hard, each bench"]
     head += [f"{environment}, speed [m/s]" for environment in ENVIRONMENTS]
+    head_of_differences = ["motors of a robot", "trained on"]
+    for environment, reference in product(ENVIRONMENTS, REFERENCES):
+        head_of_differences.append(f"{environment}, less {model_label(reference)} [points]")
+
     rows = []
-    names = dict.fromkeys(name.split("/")[0] for name in figures)
-    for fleet, condition in product(names, settings.conditions):
-        cell = f"{IN_TRAINING}/{condition}"
-        if f"{fleet}/{cell}/policies" not in figures:
+    rows_of_differences = []
+    fleets = dict.fromkeys(name.split("/")[0] for name in figures)
+    for fleet, condition in product(fleets, settings.conditions):
+        cells = {
+            environment: f"{fleet}/{environment}/{condition}"
+            for environment in (IN_TRAINING, *ENVIRONMENTS)
+        }
+        own = cells[IN_TRAINING]
+        if f"{own}/policies" not in figures:
             continue
-        row = [fleet, model_label(condition), f"{figures[f'{fleet}/{cell}/policies']:.0f}"]
-        row.append(text(figures, f"{fleet}/{cell}/upright", 100.0, ".0f"))
-        for environment in ENVIRONMENTS:
-            row.append(text(figures, f"{fleet}/{environment}/{condition}/upright", 100.0, ".0f"))
-        for environment in ENVIRONMENTS:
-            row.append(text(figures, f"{fleet}/{environment}/{condition}/speed", 1.0, ".2f"))
+        policies = f"{figures[f'{own}/policies']:.0f}"
+        if figures.get(f"{own}/untrained"):
+            policies += f", {figures[f'{own}/untrained']:.0f} untrained"
+        row = [fleet, model_label(condition), policies]
+        row.append(text(figures, f"{own}/upright", 100.0, ".0f"))
+        row += [text(figures, f"{cells[env]}/upright", 100.0, ".0f") for env in ENVIRONMENTS]
+        of_benches = [
+            f"{100.0 * value:.0f}"
+            for name, value in figures.items()
+            if name.startswith(f"{cells['hard']}/bench_")
+        ]
+        row.append(" / ".join(of_benches))
+        row += [text(figures, f"{cells[env]}/speed", 1.0, ".2f") for env in ENVIRONMENTS]
         rows.append(row)
-    return markdown(head, rows) + "\n"
+
+        row_of_differences = [fleet, model_label(condition)]
+        for environment, reference in product(ENVIRONMENTS, REFERENCES):
+            name = f"{cells[environment]}/minus_{reference}"
+            known = name in figures
+            row_of_differences.append(text(figures, name, 100.0, ".0f") if known else "")
+        rows_of_differences.append(row_of_differences)
+    return f"{markdown(head, rows)}\n\n{markdown(head_of_differences, rows_of_differences)}\n"
 
 
 def text(figures: Mapping[str, float], name: str, factor: float, number_format: str) -> str:

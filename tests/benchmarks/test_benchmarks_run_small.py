@@ -34,6 +34,11 @@ SMALL_RUNS = {
         "--episode-steps 10 --directions 1 --walk-seconds 1 --record-seconds 5"
     ),
     "command_modes": SmallRun("--out {out} --mit 1 --torque 1 --seconds 4"),
+    "demo_seeds": SmallRun(
+        "--out {out} --seeds 0 1 --motors 12 --bench-steps 1500 --adam-steps 30 --iterations 1 "
+        "--directions 2 --walks 2",
+        files=("figures.json", "table.md"),
+    ),
     "encoder_place": SmallRun("--data {data} --out {out} --logs 8 --seconds 2"),
     "engines": SmallRun(
         "--prior pupper_v2 --figure {out}/engines.png --trots 1 --steps 20",
@@ -89,7 +94,7 @@ SMALL_RUNS = {
     "simulated_arms": SmallRun("--out {out} --motors 1 --seconds 6"),
     "speed": SmallRun("--prior pupper_v2 --steps 5 --rounds 1", files=()),
     "spread_between_units": SmallRun(
-        "--out {out} --spreads 0 4 --no-battery --benches 1 --policies 1 --pd-range 0.1 "
+        "--out {out} --spreads 0 4 --benches 1 --policies 1 --pd-range 0.1 "
         "--prior-share 0.5 --motors 12 --bench-steps 1500 --adam-steps 30 --iterations 1 "
         "--walks 2 --seconds 2.5",
         files=("figures.json", "table.md", "spread.png"),
