@@ -70,7 +70,8 @@ class Demo:
     adam_steps: int | None = None
     """Adam steps of the paper's network; the number of its preset if not given."""
     iterations: int = 70
-    """Largest number of ARS iterations per policy; a training ends earlier on a plateau."""
+    """ARS iterations per policy; the page marks policies that do not walk in their own
+    simulation."""
     directions: int = 8
     """Directions per iteration of ARS."""
     seeds: int = 2
