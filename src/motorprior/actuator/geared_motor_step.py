@@ -53,6 +53,7 @@ from motorprior.actuator.optional_terms import (
     STEP_ROWS,
     TERMS,
     OperatingConditions,
+    at_angle,
     at_operating_conditions,
     constants_of,
     profiled,
@@ -279,6 +280,8 @@ def step(
     ratio = v / STRIBECK_VELOCITY
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
     friction = friction + p.load_friction * abs(gear_torque)
+    if "angle_friction" in terms:
+        friction = at_angle(p, friction, r, arithmetic)
 
     # Angle and velocity of the encoder, which does not see the hidden twist.
     twist_rate = where(abs(deflection) > 0.0, v - dq, 0.0)

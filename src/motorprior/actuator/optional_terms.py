@@ -22,6 +22,8 @@ is the step. The terms act in this order:
     presliding     dry friction is the torque σ·z of a bristle with deflection z, at most F:
                    z' = z + h·v' until σ·|z| = F. A static rotor yields before it breaks away.
                    (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
+    angle_friction dry friction F → F·max(1 + friction_slope·rotor_pos, MIN_FRICTION_SHARE), as of a
+                   joint behind a linkage
     output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
     heat           torques of the control law are scaled by (1 - heat_loss·warmth), with
                    warmth = 1 - exp(-t/heat_time) at time t of the log. The warmth is 0.5 if the
@@ -44,6 +46,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+MIN_FRICTION_SHARE = 0.1  # smallest factor of the term angle_friction [-]
 MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
 
 
@@ -88,6 +91,9 @@ class Term(NamedTuple):
     is_usual: bool = False  # whether hobby servos usually have it
     # whether it acts only in fast motions: a limit of speed, acceleration or torque
     is_limit: bool = False
+    # whether it belongs to the mechanism of a joint instead of the model of its motor: a class of
+    # joints may have it alone
+    is_of_joint: bool = False
     # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed
     # torque
     law: Callable[[Any, Any, Any, Any], Any] | None = None
@@ -138,6 +144,9 @@ TERMS = {
     ),
     "supply": Term((TermConstant("supply_share", "1", 0.7, 0.1),)),
     "temperature": Term((TermConstant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
+    "angle_friction": Term(
+        (TermConstant("friction_slope", "1/rad", 0.0, 0.0, 0.0, signed=0.2),), is_of_joint=True
+    ),
 }
 
 
@@ -278,6 +287,12 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
     vel_change = arithmetic.with_sign_of(speed, difference) - state.reference_vel
     velocity = state.reference_vel + arithmetic.clip(vel_change, 2.0 * half_change)
     return state._replace(reference=state.reference + h * velocity, reference_vel=velocity)
+
+
+def at_angle(p: Any, friction: Any, rotor_pos: Any, arithmetic: Any) -> Any:
+    """Dry friction at this angle of the rotor."""
+    share_above_minimum = 1.0 - MIN_FRICTION_SHARE + p.friction_slope * rotor_pos
+    return friction * (MIN_FRICTION_SHARE + arithmetic.positive_part(share_above_minimum))
 
 
 def within_voltage(p: Any, law_torque: Any, v: Any, arithmetic: Any) -> Any:

@@ -126,9 +126,7 @@ def _selected_terms(
 
     min_rows = term_selection.MIN_WINDOWS * recipe.window
     subset = subsampled(data, recipe, max(term_selection.MAX_ROWS, min_rows))
-    num_motors = len(subset.series)
-    count = min(term_selection.MAX_MOTORS, num_motors)
-    motors = np.unique(np.linspace(0, num_motors - 1, count).astype(int))
+    motors = term_selection.some_motors(subset.joint_classes, len(subset.series))
 
     # reports of later rounds have no work: their number is unknown
     remaining = [WORK] * len(TERMS)

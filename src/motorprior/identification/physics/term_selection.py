@@ -96,6 +96,7 @@ class _EvaluatedFit:
     train: np.ndarray  # (m,) training loss
     held_out: np.ndarray  # (m, n) losses of the held-out windows
     blocks: np.ndarray  # (n,) blocks of these windows
+    classes: np.ndarray  # (m,) class of the joint of each motor
     binding: dict[str, np.ndarray]  # (m, n) windows in which a limit binds, by term
 
 
@@ -137,6 +138,21 @@ def select_terms(
         best, rigid = _with_useful_terms(fits, best, rigid, names, saved, report)
     best = _without_useless_terms(fits, best, logged, saved, report)
     return Selection(best.terms, saved)
+
+
+def some_motors(joint_classes: Sequence[str], num_motors: int) -> np.ndarray:
+    """Indices of at most MAX_MOTORS motors, equally many of each class of joints."""
+    classes = np.unique(joint_classes or [""] * num_motors, return_inverse=True)[1]
+    of_classes = [np.flatnonzero(classes == number) for number in range(classes.max() + 1)]
+    quota = max(1, MAX_MOTORS // len(of_classes))
+    chosen = np.sort(np.concatenate([_spread(motors, quota) for motors in of_classes]))
+    return _spread(chosen, MAX_MOTORS)
+
+
+def _spread(motors: np.ndarray, count: int) -> np.ndarray:
+    """At most ``count`` of the motors, evenly spread."""
+    places = np.linspace(0, len(motors) - 1, min(count, len(motors)))
+    return motors[places.astype(int)]
 
 
 def _with_useful_terms(
@@ -267,9 +283,25 @@ def terms_without_variation(runs: WindowRuns) -> tuple[str, ...]:
 
 
 def _saved(without: _EvaluatedFit, fit: _EvaluatedFit, added: Group) -> float:
-    """Share of the held-out loss that a fit with ``added`` terms saves, median over the motors."""
-    by_motor, _ = _savings(without, fit, added)
-    return _median_share(by_motor)
+    """Share of the held-out loss that a fit with ``added`` terms saves, median over the motors.
+
+    The largest share of a group, see `_groups_of_motors`.
+    """
+    shares = []
+    for motors in _groups_of_motors(fit, added):
+        by_motor, _ = _savings(without, fit, added, motors)
+        shares.append(_median_share(by_motor))
+    return max(shares)
+
+
+def _groups_of_motors(fit: _EvaluatedFit, added: Group) -> list[np.ndarray]:
+    """Masks (m,) of the motors that are tested together: all, or those of each class of joints.
+
+    By class for terms of the mechanism of a joint.
+    """
+    if not all(TERMS[name].is_of_joint for name in added):
+        return [np.ones(len(fit.classes), bool)]
+    return [fit.classes == joint_class for joint_class in np.unique(fit.classes)]
 
 
 def _median_share(by_motor: np.ndarray) -> float:
@@ -278,28 +310,37 @@ def _median_share(by_motor: np.ndarray) -> float:
 
 
 def _saves_enough(without: _EvaluatedFit, fit: _EvaluatedFit, added: Group, level: float) -> bool:
-    """Whether ``added`` terms save more than MIN_SAVING, significantly at ``level``."""
+    """Whether ``added`` terms save more than MIN_SAVING, significantly at ``level``.
+
+    One of the `_groups_of_motors` is enough; the level is divided by their number (Bonferroni).
+    """
     from scipy.stats import wilcoxon  # here: it takes half a second to import
 
-    by_motor, by_block = _savings(without, fit, added)
-    savings = by_motor if len(by_motor) >= _MIN_RANKS else by_block
-    if len(savings) < _MIN_RANKS or not savings.any():
-        return False
-    p_value = float(cast(Any, wilcoxon(savings, alternative="greater")).pvalue)
-    return _median_share(by_motor) > MIN_SAVING and p_value < level
+    groups = _groups_of_motors(fit, added)
+    for motors in groups:
+        by_motor, by_block = _savings(without, fit, added, motors)
+        savings = by_motor if len(by_motor) >= _MIN_RANKS else by_block
+        if len(savings) < _MIN_RANKS or not savings.any():
+            continue
+        p_value = float(cast(Any, wilcoxon(savings, alternative="greater")).pvalue)
+        if _median_share(by_motor) > MIN_SAVING and p_value < level / len(groups):
+            return True
+    return False
 
 
 def _savings(
-    without: _EvaluatedFit, fit: _EvaluatedFit, added: Group
+    without: _EvaluatedFit, fit: _EvaluatedFit, added: Group, motors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Logarithms of held-out losses without over with ``added`` terms, by motor and by block.
 
-    They are of the windows in which an added limit binds, otherwise of all windows. Motors and
-    blocks without such windows are left out.
+    ``motors`` (m,) is the mask of the motors that count. The losses are of the windows in which an
+    added limit binds, otherwise of all windows. Motors and blocks without such windows are left
+    out.
     """
     counts = np.ones(fit.held_out.shape, bool)
     if all(TERMS[name].is_limit for name in added):
         counts = np.any([fit.binding[name] for name in added], axis=0)
+    counts = counts & motors[:, None]
 
     by_block = []
     for block in np.unique(fit.blocks):
@@ -453,6 +494,7 @@ class _TermFits:
             train=losses[:, self._is_train].mean(axis=1),
             held_out=losses[:, self._is_test],
             blocks=self._blocks[self._is_test],
+            classes=self._runs.classes,
             binding=binding,
         )
 
