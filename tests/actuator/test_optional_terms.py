@@ -10,7 +10,12 @@ from numpy_arithmetic import NUMPY
 from motorprior.actuator.geared_motor_step import MotorState, StepConstants, step, step_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.optional_terms import TERMS, OperatingConditions, at_operating_conditions
+from motorprior.actuator.optional_terms import (
+    TERMS,
+    OperatingConditions,
+    at_angle,
+    at_operating_conditions,
+)
 
 Networks = Callable[..., GreyBox]
 H = 0.002
@@ -20,6 +25,7 @@ MOTORS = 11  # eight lanes and three alone
 STRONG = {
     "asymmetry": 0.3,
     "dead_zone": 0.02,
+    "friction_slope": 0.5,
     "heat_loss": 0.3,
     "output_damping": 0.02,
     "temperature_loss": 0.3,
@@ -271,3 +277,18 @@ def test_the_supply_scales_speed_and_torque_and_by_its_share_the_law(
     for name in of_supply:
         assert values[name] == pytest.approx(2.0 * 0.8)
     assert values["coulomb"] == pytest.approx(2.0)
+
+
+def test_angle_friction_is_linear_in_the_angle_down_to_a_tenth():
+    constants = step_constants_of_slope(-0.5)
+    angles = np.array([-1.0, 0.0, 1.0, 5.0])
+
+    factors = at_angle(constants, 2.0, angles, NUMPY) / 2.0
+
+    np.testing.assert_allclose(factors, [1.5, 1.0, 0.5, 0.1])
+
+
+def step_constants_of_slope(slope: float) -> StepConstants:
+    """Constants with this friction slope; the others are missing."""
+    missing = dict.fromkeys(StepConstants._fields)
+    return StepConstants(**(missing | {"friction_slope": slope}))

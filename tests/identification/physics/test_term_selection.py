@@ -6,12 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.optional_terms import INITIAL
+from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.optional_terms import INITIAL, SIGNED
 from motorprior.identification.physics.motor_problem import encoded, grey_box, initial_center
 from motorprior.identification.physics.term_selection import (
+    MAX_MOTORS,
     SELECTABLE_TERMS,
     blocks_of,
     select_terms,
+    some_motors,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -40,13 +43,17 @@ def logs(
     center = np.concatenate([without_terms, of_terms])
     box = grey_box(center, terms, PRESET)
     z = 0.15 * np.random.default_rng(3).standard_normal((motors, len(center)))
-    rng = np.random.default_rng(5)
     data = decoder_data(box, z, segments=segments, rows=rows)
+    return WindowRuns(with_noise(data), PRESET)
+
+
+def with_noise(data: TrainingData) -> TrainingData:
+    """The data with noise of angle, velocity and torque."""
+    rng = np.random.default_rng(5)
     noise = rng.standard_normal((*data.series.shape[:2], 3)) * [3e-4, 0.02, 0.02]
     series = data.series.copy()
     series[..., [POS, VEL, TORQUE]] += noise.astype(np.float32)
-
-    return WindowRuns(replace(data, series=series), PRESET)
+    return replace(data, series=series)
 
 
 CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "none"])
@@ -104,6 +111,37 @@ def test_every_second_gain_is_held_out(decoder_data: Data):
 
     kp_of_segments = np.array([segment.gains[0, 0] for segment in runs.segments])
     np.testing.assert_array_equal(is_test, kp_of_segments[runs.segment_indices()] == 2.0)
+
+
+def runs_of_two_classes(decoder_data: Data) -> WindowRuns:
+    """Free runs of two hips, and of two calves whose friction depends on the angle."""
+    terms = ("angle_friction",)
+    names = parameters_of(terms)
+    center = initial_center(terms)
+    center[names.index("coulomb")] = np.log(0.2)
+    z = 0.05 * np.random.default_rng(3).standard_normal((4, len(center)))
+    z[:, names.index("friction_slope")] = np.array([0.0, 0.0, 1.5, 1.5]) / SIGNED["friction_slope"]
+    data = decoder_data(grey_box(center, terms, PRESET), z, segments=8, rows=600)
+    classes = ("hip", "hip", "calf", "calf")
+    return WindowRuns(replace(with_noise(data), joint_classes=classes), PRESET)
+
+
+def test_one_class_of_joints_is_enough_for_a_term_of_its_mechanism(decoder_data: Data):
+    runs = runs_of_two_classes(decoder_data)
+
+    selection = select_terms(runs, 0, selectable=("angle_friction",))
+
+    assert selection.terms == ("angle_friction",), selection.saved
+
+
+def test_terms_are_selected_on_equally_many_motors_of_each_class():
+    legs = ("hip", "thigh", "calf") * 4
+    motors = some_motors(legs, 12)
+
+    assert [legs[motor] for motor in motors].count("calf") == 2
+    assert len(motors) == 6
+    np.testing.assert_array_equal(some_motors((), 3), [0, 1, 2])
+    assert len(some_motors((), 32)) == MAX_MOTORS
 
 
 @pytest.mark.slow
