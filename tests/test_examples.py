@@ -4,12 +4,15 @@ import re
 import runpy
 import sys
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from unittest import mock
 
+import numpy as np
 import pytest
 
 import motorprior as mp
 from motorprior.commands.record import Record, run_record
+from motorprior.robots.so101.robot import SO101
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -69,6 +72,71 @@ def test_a_virtual_arm_is_recorded_and_becomes_an_mjcf(tmp_path: Path, capsys):
     assert error is not None, out
     # the joints sag under gravity
     assert max(abs(float(value)) for value in error[1].split()) < 0.2
+
+
+class FollowerOfLeRobot:
+    """The interface of LeRobot's SO101Follower, as in version 0.4.4, and what was sent to it."""
+
+    def __init__(self, config: SimpleNamespace):
+        assert config.use_degrees
+        self.registers: dict[str, dict[str, int]] = {name: {} for name in SO101.joint_names}
+        self.bus = SimpleNamespace(motors=self.registers, write=self._write)
+        self.actions: list[dict[str, float]] = []
+        self.is_connected = False
+
+    def _write(self, register: str, motor: str, value: int) -> None:
+        self.registers[motor][register] = value
+
+    def connect(self) -> None:
+        for motor in self.registers:
+            self._write("Acceleration", motor, 254)
+        self.is_connected = True
+
+    def get_observation(self) -> dict[str, float]:
+        rest = {f"{name}.pos": 10.0 for name in SO101.joint_names}
+        return rest | (self.actions[-1] if self.actions else {})
+
+    def send_action(self, action: dict[str, float]) -> dict[str, float]:
+        self.actions.append(action)
+        return action
+
+    def disconnect(self) -> None:
+        self.is_connected = False
+
+
+def test_targets_for_lerobot_have_the_profile_of_the_motors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    robots = []
+
+    def follower(config: SimpleNamespace) -> FollowerOfLeRobot:
+        robots.append(FollowerOfLeRobot(config))
+        return robots[-1]
+
+    module = ModuleType("lerobot.robots.so_follower")
+    vars(module).update(SO101Follower=follower, SO101FollowerConfig=SimpleNamespace)
+    for name in ("lerobot", "lerobot.robots"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    monkeypatch.setitem(sys.modules, "lerobot.robots.so_follower", module)
+    exported = mp.export(
+        mp.from_pretrained("so101"), "mjcf", tmp_path, model=SO101.model.path,
+        joints=SO101.joint_names,
+    )  # fmt: skip
+    (motors,) = [file for file in exported.files if file.name == "motors.json"]
+
+    rate = 100.0
+    options = ("--motors", motors, "--rate", rate, "--seconds", 1.5)
+    run("so101_lerobot.py", "--port=/dev/ttyACM0", *options)
+
+    (robot,) = robots
+    assert not robot.is_connected
+    assert all(registers == {"Acceleration": 0} for registers in robot.registers.values())
+    assert set(robot.actions[0]) == {f"{name}.pos" for name in SO101.joint_names[:-1]}
+    elbow = np.radians([action["elbow_flex.pos"] for action in robot.actions])
+    acceleration = np.diff(elbow, 2) * rate**2
+    assert 30.0 < np.abs(acceleration).max() < 39.5
+    assert elbow[-1] - elbow[0] == pytest.approx(0.1, abs=1e-3)
+    assert "0. 0. 0. 0. 0." in capsys.readouterr().out.replace("-", "")
 
 
 def test_every_example_is_run_here():

@@ -44,6 +44,14 @@ def test_the_doctor_states_servos_and_joint_angles(motorprior: Callable):
     assert "elbow_flex: +1." in done.err
 
 
+def test_the_doctor_states_one_servo(motorprior: Callable):
+    done = motorprior("doctor", "--virtual", "--motor", "XL330-M288", "--id", 7, "--seconds", 1)
+
+    assert done.code == 0, done.err
+    assert "servo 7: XL330M288" in done.err
+    assert "pendulum: +0.000 rad" in done.err
+
+
 @pytest.mark.parametrize(
     ("command", "words"),
     [
@@ -62,6 +70,9 @@ def test_the_doctor_states_servos_and_joint_angles(motorprior: Callable):
         ("record --robot so101 --virtual --yes --amplitude 1.5", "comes closer than 5 mm"),
         ("record --robot so101 --virtual", "no terminal to confirm at"),
         ("record --robot so101 --plan --amplitude 1.5", "comes closer than 5 mm"),
+        ("record --robot so101 --plan --free-space 0.3", "away from the base"),
+        ("record --robot so101 --plan --free-space -1", "free_space"),
+        ("record --free-space 0.3 --virtual --yes", "--free-space has no effect"),
     ],
 )
 def test_bad_input_is_one_line(motorprior: Callable, tmp_path: Path, command: str, words: str):

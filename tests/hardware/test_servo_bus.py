@@ -2,12 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from servo_bench import TestBus, feetech_arm, xl330_pendulum
 
-from motorprior.hardware.buses.bus import NoAnswer
+from motorprior.exceptions import RobotFault
+from motorprior.hardware.buses.bus import MonotonicClock, NoAnswer
+from motorprior.hardware.buses.dynamixel import DYNAMIXEL_XL330
 
 BUSES = [feetech_arm, xl330_pendulum]
 
@@ -91,16 +94,29 @@ def test_profile_and_torque_limit_are_in_the_ram(opened: Callable, make: Callabl
 
 
 @pytest.mark.parametrize("make", BUSES)
-def test_the_frame_of_the_watchdog_switches_all_torques_off(opened: Callable, make: Callable):
+def test_the_frame_of_the_watchdog_switches_all_torques_off_and_restores_the_registers(
+    opened: Callable, make: Callable
+):
     bench = opened(make)
     client = bench.client
     client.ids = bench.chain.ids
+    before = client.scan(client.ids)
+    ones = np.ones(len(client.ids))
+    client.set_torque_limit(0.4 * ones)
+    client.set_profile(3.0 * ones, 20.0 * ones)
     client.set_torque(True)
+    client.set_bus_watchdog(0.5 * ones)
     assert all(info.torque_on for info in client.scan(client.ids))
 
-    bench.write(client.torque_off_frame())
+    bench.write(client.release_frame(before))
 
-    assert not any(info.torque_on for info in client.scan(client.ids))
+    after = client.scan(client.ids)
+    assert not any(info.torque_on for info in after)
+    for name in ("torque_limit", "profile_speed", "profile_acceleration"):
+        assert [getattr(info, name) for info in after] == [getattr(info, name) for info in before]
+    if client.has_bus_watchdog:
+        assert bench.virtual.servos[0].get("bus_watchdog") == 0
+    assert bench.eeprom_writes == 0
 
 
 @pytest.mark.parametrize("make", BUSES)
@@ -131,3 +147,42 @@ def test_a_condition_is_reported_and_switches_the_torque_off(opened: Callable, m
     assert client.condition_names(int(bits[0])) == ("overload",)
     assert not bits[1:].any()
     assert not client.scan(client.ids[:1])[0].torque_on
+
+
+class ServosAt57600:
+    """A controller of rustypot at a port whose servos answer at the factory's baud rate only."""
+
+    opened: ClassVar[list[int]] = []
+
+    def __init__(self, port: str, baud_rate: int, timeout: float):
+        self.opened.append(baud_rate)
+        self.baud_rate = baud_rate
+
+    def read_register(self, servo: int, name: str, tries: int) -> int:
+        if self.baud_rate != 57_600 or servo != 7:
+            raise RuntimeError("timeout")
+        return 1200
+
+    def set_fast_sync_read(self, on: bool) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def test_servos_are_found_at_their_baud_rate(monkeypatch: pytest.MonkeyPatch):
+    rustypot = pytest.importorskip("rustypot")
+    for name in ("registers", "definition"):
+        controller = rustypot.Xl330PyController
+        monkeypatch.setattr(ServosAt57600, name, getattr(controller, name), raising=False)
+    monkeypatch.setattr(ServosAt57600, "opened", [])
+    monkeypatch.setattr(rustypot, "Xl330PyController", ServosAt57600)
+
+    bus = DYNAMIXEL_XL330.open("/dev/ttyUSB0", MonotonicClock(), [6, 7])
+
+    assert bus.baud_rate == 57_600
+    assert ServosAt57600.opened == [1_000_000, 57_600]
+    with pytest.raises(RobotFault, match=r"servo 3 at 1000000, 57600, .* bit/s"):
+        DYNAMIXEL_XL330.open("/dev/ttyUSB0", MonotonicClock(), [3])
+    with pytest.raises(RobotFault, match="servo 7 at 115200 bit/s"):
+        DYNAMIXEL_XL330.open("/dev/ttyUSB0", MonotonicClock(), [7], 115_200)

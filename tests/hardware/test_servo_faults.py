@@ -13,8 +13,14 @@ from servo_bench import BAR, TestBus, feetech_arm, xl330_pendulum
 from motorprior.artifacts import read_json
 from motorprior.commands.servo_bus import recorded_motor, recorded_robot
 from motorprior.exceptions import ArtifactError, ConfigError, RobotFault
-from motorprior.excitation.servo_motion import servo_parts
-from motorprior.hardware.servo_run import RECORDING, RecordedRobot, ServoSettings, record_servos
+from motorprior.excitation.servo_motion import motion_range, servo_parts
+from motorprior.hardware.servo_run import (
+    RECORDING,
+    RecordedRobot,
+    ServoSettings,
+    diagnose_servos,
+    record_servos,
+)
 from motorprior.robots.servos import MotionPart
 from motorprior.robots.so101.robot import SO101
 
@@ -74,9 +80,8 @@ def record(tmp_path: Path) -> Iterator[Callable[..., Incident]]:
                     happens(bench)
 
             def parts(period: float, lower: np.ndarray, upper: np.ndarray) -> list[MotionPart]:
-                return servo_parts(
-                    robot.joint_names, lower, upper, None, period=period, seconds=4.0, amplitude=0.5
-                )
+                motion = motion_range(robot.joint_names, lower, upper, None, 0.5)
+                return servo_parts(robot.joint_names, motion, period=period, seconds=4.0)
 
             settings = ServoSettings(out=incident.folder, yes=True, profile=profile)
             before(bench)
@@ -163,7 +168,8 @@ def test_a_hot_servo_returns_to_rest_before_it_is_released(record: Callable):
 
 
 def test_a_slow_host_returns_to_rest(record: Callable):
-    incident = record(lambda bench: bench.virtual.wait_until(bench.virtual.clock() + 0.5))
+    # shorter than the patience of the watchdogs
+    incident = record(lambda bench: bench.virtual.wait_until(bench.virtual.clock() + 0.15))
 
     assert incident.fault == "slow host"
     assert incident.torque_is_off
@@ -366,6 +372,95 @@ def test_the_same_seed_gives_the_same_recording(tmp_path: Path):
     assert texts[0] == texts[1]
 
 
+def stop_by_silence(bench: TestBus) -> None:
+    """A host that moves a servo slowly dies with its watchdog, or its cable is pulled."""
+    client = bench.client
+    client.ids = bench.chain.ids
+    goal = client.read().counts + 600.0
+    client.set_profile(np.array([1.0]), np.array([5.0]))
+    client.write_goals(client.read().counts)
+    client.set_torque(True)
+    client.set_bus_watchdog(np.array([0.5]))
+    client.write_goals(goal)
+    bench.virtual.wait_until(bench.virtual.clock() + 2.0)
+
+
+def test_servos_that_hear_nothing_stop_where_they_are():
+    with xl330_pendulum() as bench:
+        start = bench.virtual.joint_pos()
+        stop_by_silence(bench)
+        stopped = bench.virtual.joint_pos()
+        servo = bench.virtual.servos[0]
+
+        assert servo.get("bus_watchdog") == -1
+        assert servo.get("torque_enable") == 1
+        # 600 counts are 0.92 rad; at 1 rad/s it is half-way after 0.5 s
+        assert 0.2 < (stopped - start)[0] < 0.6
+
+        bench.client.write_goals(bench.client.read().counts + 300.0)
+        bench.virtual.wait_until(bench.virtual.clock() + 0.5)
+
+        np.testing.assert_allclose(bench.virtual.joint_pos(), stopped, atol=0.05)
+
+
+def test_feetech_servos_that_hear_nothing_go_to_their_goal():
+    with feetech_arm() as bench:
+        client = bench.client
+        client.ids = bench.chain.ids
+        ones = np.ones(len(client.ids))
+        goal = client.read().counts + 300.0 * (np.arange(6) == 0)
+        client.set_profile(0.0 * ones, 5.0 * ones)
+        client.write_goals(client.read().counts)
+        client.set_torque(True)
+        client.set_bus_watchdog(0.5 * ones)  # they have none
+        client.write_goals(goal)
+        bench.virtual.wait_until(bench.virtual.clock() + 2.0)
+
+        assert client.read().counts[0] == pytest.approx(goal[0], abs=15)
+
+
+def test_servos_that_a_silence_has_stopped_are_refused_released_and_recorded(record: Callable):
+    incident = record(before=stop_by_silence)
+
+    assert incident.fault == "torque on"
+    bench = incident.bench
+
+    diagnose_servos(
+        pendulum_robot(bench), bench.client, bench.virtual, 1.0, idle=True, show=lambda _: None
+    )
+    bench.virtual.wait_until(bench.virtual.clock() + 3.0)
+
+    assert incident.torque_is_off
+    assert bench.virtual.servos[0].get("bus_watchdog") == 0
+    again = record()
+
+    assert again.error is None
+    assert again.torque_is_off
+
+
+def test_servos_have_a_bus_watchdog_during_a_recording(record: Callable):
+    values = []
+
+    def note(bench: TestBus) -> None:
+        values.append(bench.virtual.servos[0].get("bus_watchdog"))
+
+    incident = record(note)
+
+    assert values == [25], "0.5 s in units of 20 ms"
+    assert incident.bench.virtual.servos[0].get("bus_watchdog") == 0
+
+
+def test_a_homing_offset_excludes_the_bus_watchdog(record: Callable):
+    values = []
+
+    def note(bench: TestBus) -> None:
+        values.append(bench.virtual.servos[0].get("bus_watchdog"))
+
+    record(note, before=of_servo(lambda servo: servo.set("offset", 100)))
+
+    assert values == [0]
+
+
 @pytest.mark.slow
 def test_an_arm_is_recorded_and_a_joint_that_is_held_ends_it(tmp_path: Path):
     with feetech_arm() as bench:
@@ -373,9 +468,8 @@ def test_an_arm_is_recorded_and_a_joint_that_is_held_ends_it(tmp_path: Path):
         settings = ServoSettings(out=tmp_path / "run", yes=True)
 
         def plan(period: float, lower: np.ndarray, upper: np.ndarray) -> list[MotionPart]:
-            return servo_parts(
-                robot.joint_names, lower, upper, SO101.nominal_pose, period=period, seconds=40.0
-            )
+            motion = motion_range(robot.joint_names, lower, upper, SO101.nominal_pose, 0.5)
+            return servo_parts(robot.joint_names, motion, period=period, seconds=40.0)
 
         def show(text: str) -> None:
             if text.startswith("5 of"):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motorprior.commands.servo_bus import virtual_chain
+from motorprior.commands.servo_bus import chain_of_one
 from motorprior.hardware.buses.virtual_bus import VirtualBus
 from motorprior.hardware.buses.virtual_servo import DYNAMIXEL_XL330
 from motorprior.robots.servos import ServoCommand, ServoState
@@ -41,7 +41,7 @@ class IdealMotor:
 
 @pytest.fixture
 def bus() -> Iterator[VirtualBus]:
-    chain = virtual_chain("XL330-M288", 7)
+    chain = chain_of_one("XL330-M288", 7)
     with VirtualBus(DYNAMIXEL_XL330, chain, IdealMotor(), in_real_time=True) as virtual:
         yield virtual
 
@@ -92,7 +92,23 @@ def test_a_host_that_dies_or_hangs_leaves_no_torque(
     os.kill(host.pid, how)
 
     assert eventually(lambda: not has_torque(bus))
+    assert eventually(lambda: bus.servos[0].get("bus_watchdog") == 0), "ready for the next host"
     assert bus.servos[0].eeprom_writes == 0
+
+
+def test_a_servo_stops_by_itself_when_host_and_watchdog_die(
+    bus: VirtualBus, host: subprocess.Popen[str]
+):
+    assert bus.servos[0].get("bus_watchdog") == 25, "0.5 s in units of 20 ms"
+    processes = Path(f"/proc/{host.pid}/task/{host.pid}/children").read_text().split()
+    assert processes
+
+    for process in (*processes, host.pid):
+        os.kill(int(process), signal.SIGKILL)
+
+    assert eventually(lambda: bus.servos[0].get("bus_watchdog") == -1)
+    assert has_torque(bus), "it holds its position"
+    assert bus.servos[0].get("goal_position") == bus.servos[0].get("position")
 
 
 def test_a_pulled_cable_ends_the_recording_with_a_message(

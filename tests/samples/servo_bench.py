@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from motorprior.commands.servo_bus import Bar, open_virtual_bus, virtual_chain
+from motorprior.commands.servo_bus import Bar, chain_of_one, open_virtual_bus
 from motorprior.commands.virtual_robot import VirtualRobotSettings
 from motorprior.hardware.buses.rustypot_bus import RustypotBus
 from motorprior.hardware.buses.virtual_bus import VirtualBus
@@ -61,7 +61,7 @@ def feetech_arm(seed: int = 0) -> Iterator[TestBus]:
 def xl330_pendulum(seed: int = 0) -> Iterator[TestBus]:
     """A Dynamixel XL330-M288 with a pendulum."""
     pytest.importorskip("rustypot")
-    chain = virtual_chain("XL330-M288", 7)
+    chain = chain_of_one("XL330-M288", 7)
     with open_virtual_bus(chain, VirtualRobotSettings(seed=seed), None, BAR) as opened:
         assert isinstance(opened.clock, VirtualBus)
         yield TestBus(opened.clock, opened.bus, chain)

@@ -4,21 +4,40 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ConfigError
-from motorprior.excitation.servo_motion import servo_parts
+from motorprior.excitation.servo_motion import motion_range, servo_parts
 from motorprior.robots.servos import MotionPart
 from motorprior.robots.so101.robot import SO101
+from motorprior.simulation.loaded_poses import loaded_poses
 from motorprior.simulation.motion_check import require_free_motion
 
+NAMES = SO101.joint_names
 PERIOD = 0.01
+
+
+def usual_motion(free_space: float | None = None, seed: int = 0) -> list[MotionPart]:
+    motion = motion_range(NAMES, SO101.lower, SO101.upper, SO101.nominal_pose, 0.5)
+    poses = loaded_poses(
+        SO101, motion.lowest, motion.highest, motion.center, motion.reach, free_space
+    )
+    return servo_parts(NAMES, motion, poses, period=PERIOD, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_usual_motion_of_an_arm_is_free(seed: int):
-    parts = servo_parts(
-        SO101.joint_names, SO101.lower, SO101.upper, SO101.nominal_pose, period=PERIOD, seed=seed
-    )
+    check = require_free_motion(SO101, usual_motion(seed=seed), PERIOD)
 
-    assert require_free_motion(SO101, parts, PERIOD) > 10
+    assert len(check.pairs) > 10
+    assert 0.4 < check.radius < 0.6
+
+
+def test_no_link_leaves_the_free_space():
+    # motions about the nominal pose reach 0.527 m, about the loaded ones 0.547 m
+    check = require_free_motion(SO101, usual_motion(0.53), PERIOD, 0.53)
+
+    assert check.radius <= 0.53
+    with pytest.raises(ConfigError, match=r"away from the base") as refusal:
+        require_free_motion(SO101, usual_motion(), PERIOD, 0.53)
+    assert refusal.value.argument == "free_space"
 
 
 def lowered(joint: str, angle: float) -> list[MotionPart]:

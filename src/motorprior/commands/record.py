@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from motorprior.bounds import require_number
 from motorprior.commands.robot_port import RobotChoice, messages, opened_port
 from motorprior.exceptions import ConfigError
 from motorprior.excitation.recording import MotionSettings
@@ -21,6 +22,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
     from motorprior.commands.servo_bus import OpenBus
+    from motorprior.excitation.servo_motion import MotionRange
     from motorprior.hardware.servo_run import RecordedRobot
 
 _SERVO_AMPLITUDE = 0.5  # default of robots on a servo bus [rad]
@@ -28,7 +30,7 @@ _SERVO_SPEED = 12.0  # default limit of targets on a servo bus [rad/s]
 # Options without effect on servos, on robots without servos, and on any robot. The gains of servos
 # are in their registers.
 _NOT_OF_SERVOS = ("excitation", "joint", "standing", "kp", "kd", "max_current", "without_imu")
-_OF_SERVOS = ("baud_rate", "profile", "plan")
+_OF_SERVOS = ("baud_rate", "profile", "free_space", "plan")
 _OF_ONE_MOTOR = ("bar", "id")
 
 
@@ -47,10 +49,13 @@ class Record(MotionSettings, RunSettings, RobotChoice):
     id: int = 1
     """Id of the servo of --motor on its bus."""
     baud_rate: int | None = None
-    """Baud rate of a servo bus [bit/s]; the usual one of the servos if not given."""
+    """Baud rate of a servo bus [bit/s]; if not given, the usual ones of the servos are tried."""
     profile: Literal["keep", "off"] = "keep"
     """Acceleration limit of servos during the recording: as found, or switched off. It is restored
     afterwards."""
+    free_space: float | None = None
+    """Free space around the base of a robot on a servo bus [m]: no link goes further away from it.
+    If not given, all that the robot can reach is free."""
     plan: bool = False
     """Move nothing: check the motion for collisions in the model of a robot on a servo bus, and
     write a film of it."""
@@ -59,7 +64,9 @@ class Record(MotionSettings, RunSettings, RobotChoice):
 def run_record(config: Record, progress: Progress = SILENT) -> None:
     """Play an excitation and record it; errors as `hardware.runs.record` or `record_servos`."""
     if config.motor is not None:
-        _require_unused(config, ("robot", "plan", *_NOT_OF_SERVOS), "of one servo, --motor")
+        _require_unused(
+            config, ("robot", "free_space", "plan", *_NOT_OF_SERVOS), "of one servo, --motor"
+        )
         _record_motor(config, progress)
         return
     _require_unused(config, _OF_ONE_MOTOR, "without --motor")
@@ -128,7 +135,7 @@ def _record_servos(config: Record, robot: Robot, progress: Progress) -> None:
 
 def _record_motor(config: Record, progress: Progress) -> None:
     """Record one servo that swings a pendulum; it hangs down now."""
-    from motorprior.commands.servo_bus import Bar, opened_bus, recorded_motor, virtual_chain
+    from motorprior.commands.servo_bus import Bar, chain_of_one, opened_bus, recorded_motor
     from motorprior.hardware.servo_link import scanned
 
     assert config.motor is not None
@@ -138,7 +145,7 @@ def _record_motor(config: Record, progress: Progress) -> None:
         )
     bar = Bar.parsed(config.bar)
     out = _new_folder(config, joints=1)
-    chain = virtual_chain(config.motor, config.id)
+    chain = chain_of_one(config.motor, config.id)
     with opened_bus(chain, config, config.baud_rate, None, bar) as opened:
         scanned(opened.bus, chain)
         zero = round(float(opened.bus.read().counts[0]))
@@ -188,45 +195,70 @@ def _plan(
     config: Record, recorded: "RecordedRobot", robot: Robot | None, show: Callable[[str], None]
 ) -> Callable[[float, np.ndarray, np.ndarray], list[MotionPart]]:
     """The function that makes the parts, see `hardware.servo_run.Plan`."""
-    from motorprior.excitation.servo_motion import servo_parts
+    from motorprior.excitation.servo_motion import motion_range, servo_parts
+
+    if config.free_space is not None:
+        require_number("free_space", config.free_space, 0.0, 100.0, positive=True)
+    names = recorded.joint_names
+    nominal = None if robot is None else robot.nominal_pose
+    has_model = robot is not None and find_spec("mujoco") is not None
+    if robot is not None and not has_model:
+        show(
+            "MuJoCo is not installed: collisions are not checked, and joints move about the "
+            "nominal pose only"
+        )
 
     def parts(period: float, lower: np.ndarray, upper: np.ndarray) -> list[MotionPart]:
+        motion = motion_range(names, lower, upper, nominal, config.amplitude or _SERVO_AMPLITUDE)
+        loaded = None
+        if robot is not None and has_model:
+            loaded = _loaded(config, robot, motion)
         made = servo_parts(
-            recorded.joint_names,
-            lower,
-            upper,
-            None if robot is None else robot.nominal_pose,
-            period=period,
-            seconds=config.seconds,
-            amplitude=config.amplitude or _SERVO_AMPLITUDE,
-            seed=config.seed,
+            names, motion, loaded, period=period, seconds=config.seconds, seed=config.seed
         )
-        if robot is not None:
-            _check(robot, made, period, show)
+        if robot is not None and has_model:
+            _check(config, robot, made, period, show)
         return made
 
     return parts
 
 
+def _loaded(config: Record, robot: Robot, motion: "MotionRange") -> np.ndarray:
+    """Poses in which gravity loads the joints."""
+    from motorprior.simulation.loaded_poses import loaded_poses
+
+    return loaded_poses(
+        robot, motion.lowest, motion.highest, motion.center, motion.reach, config.free_space
+    )
+
+
 def _check(
-    robot: Robot, parts: Sequence[MotionPart], period: float, show: Callable[[str], None]
+    config: Record,
+    robot: Robot,
+    parts: Sequence[MotionPart],
+    period: float,
+    show: Callable[[str], None],
 ) -> None:
-    """Check the parts for collisions in the robot's model, where MuJoCo is installed."""
-    if find_spec("mujoco") is None:
-        show("collisions are not checked: MuJoCo is not installed")
-        return
+    """Check the parts for collisions in the robot's model."""
     from motorprior.simulation.motion_check import require_free_motion
 
-    pairs = require_free_motion(robot, parts, period)
-    show(f"no collision of {pairs} pairs of links, or links and table, in the model")
+    check = require_free_motion(robot, parts, period, config.free_space)
+    show(
+        f"no collision of {len(check.pairs)} pairs of links, or links and table, in the model; "
+        f"keep {check.radius:.2f} m around the base free"
+    )
 
 
 def _show_plan(config: Record, recorded: "RecordedRobot", robot: Robot, progress: Progress) -> None:
-    """Check the motion at the robot's own control period, and write a film."""
+    """Check the motion at the robot's own control period; show a table and write a film of it."""
     from motorprior.report.motion_film import write_motion_film
+    from motorprior.report.motion_table import motion_table
 
     period = robot.control_dt
     parts = _plan(config, recorded, robot, progress.note)(period, robot.lower, robot.upper)
+    for line in motion_table(robot, parts, period).splitlines():
+        progress.note(line)
+    seconds = period * sum(len(part.targets) for part in parts)
     out = config.out or Path("runs") / "record" / "plan"
     path = write_motion_film(out, robot, parts, period, progress)
-    progress.note(f"{len(parts)} parts, {config.seconds:g} s; film {path}")
+    progress.note(f"{len(parts)} parts, {seconds:.0f} s; film {path}")

@@ -11,15 +11,14 @@ import numpy as np
 from motorprior.commands.robot_port import RobotChoice
 from motorprior.commands.virtual_robot import VirtualRobotSettings
 from motorprior.exceptions import ConfigError
-from motorprior.hardware.buses.bus import Clock, MonotonicClock
+from motorprior.hardware.buses.bus import Clock, MonotonicClock, ServoBus
 from motorprior.hardware.buses.registry import servo_kind
-from motorprior.hardware.buses.rustypot_bus import RustypotBus
 from motorprior.hardware.servo_run import RecordedRobot
 from motorprior.robots.robot import Robot
 from motorprior.robots.servos import ServoChain
 
 PENDULUM = "pendulum"
-_MIDDLE = 2048  # count of a pendulum that hangs down, on a virtual bus
+_MIDDLE = 2048  # count in the middle of a turn
 _REACH = 1.5  # largest angle of a pendulum [rad]
 _VIRTUAL_BAUD_RATE = 1_000_000
 _VIRTUAL_TIMEOUT = 1.0  # of an answer, in real time: a busy computer is no fault of the bus [s]
@@ -62,7 +61,7 @@ class Bar:
 class OpenBus:
     """An open bus, its clock, and the port for the watchdog (None in simulated time)."""
 
-    bus: RustypotBus
+    bus: ServoBus
     clock: Clock
     watch: str | None
 
@@ -116,7 +115,7 @@ def opened_bus(
         with open_virtual_bus(chain, choice.virtual_robot, robot, bar) as opened:
             yield opened
         return
-    with open_bus(chain.model, _port(choice.port), baud_rate) as opened:
+    with open_bus(chain, _port(choice.port), baud_rate) as opened:
         yield opened
 
 
@@ -127,11 +126,10 @@ def _port(port: str | None) -> str:
 
 
 @contextmanager
-def open_bus(model: str, port: str, baud_rate: int | None) -> Iterator[OpenBus]:
+def open_bus(chain: ServoChain, port: str, baud_rate: int | None) -> Iterator[OpenBus]:
     """A real bus."""
-    family = servo_kind(model).family
     clock = MonotonicClock()
-    bus = RustypotBus(family, port, baud_rate or family.baud_rates[0], clock)
+    bus = servo_kind(chain.model).family.open(port, clock, chain.ids, baud_rate)
     try:
         yield OpenBus(bus, clock, port)
     finally:
@@ -169,7 +167,7 @@ def open_virtual_bus(
     table = table_of(chain.model)
     with VirtualBus(table, chain, mechanics, _VIRTUAL_BAUD_RATE, seed=settings.seed) as virtual:
         family = servo_kind(chain.model).family
-        bus = RustypotBus(family, virtual.port, _VIRTUAL_BAUD_RATE, virtual, _VIRTUAL_TIMEOUT)
+        bus = family.open(virtual.port, virtual, chain.ids, _VIRTUAL_BAUD_RATE, _VIRTUAL_TIMEOUT)
         try:
             yield OpenBus(bus, virtual, None)
         finally:
@@ -184,6 +182,6 @@ def _fleet_file(model: str) -> Path:
     return Path(str(files("motorprior.robots.pendulum") / _FLEETS[model]))
 
 
-def virtual_chain(model: str, servo: int) -> ServoChain:
-    """The chain of one virtual motor, whose pendulum hangs down."""
+def chain_of_one(model: str, servo: int) -> ServoChain:
+    """The chain of one motor, whose pendulum hangs down in the middle of the turn."""
     return ServoChain(model, (servo,), (1,), (_MIDDLE,))

@@ -16,10 +16,10 @@ class MotionSettings:
     """Joints to excite: all, a whole leg (FR), a joint of every leg (knee) or one joint (FR_knee).
     Of servos always all."""
     seconds: float = 60.0
-    """Duration [s]."""
+    """Duration [s]; of servos without the slow ways from one pose to the next."""
     amplitude: float | None = None
-    """Maximum distance of the targets from the nominal pose [rad]. If not given: 0.4 in the air,
-    0.1 for a standing robot, 0.5 for servos."""
+    """Maximum distance of the targets from the nominal pose [rad], of servos from the pose in which
+    a joint moves. If not given: 0.4 in the air, 0.1 for a standing robot, 0.5 for servos."""
     max_speed: float | None = None
     """Limit of the targets' speed [rad/s]. If not given: 12 for servos; 40, as in a walk, for
     the signals steps and varied in the air; 8 otherwise."""

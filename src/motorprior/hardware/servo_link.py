@@ -61,6 +61,8 @@ class ServoLimits:
     late_ticks: int = 30
     stalled_time: float = 0.3
     watchdog: float = 0.2  # the host is silent [s]
+    # the bus is silent [s]: neither the host nor its watchdog reaches the servos
+    bus_watchdog: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -225,9 +227,11 @@ class ServoLink:
         self._last = self.bus.read()
         self._require_static(before)
         if self._file is not None:
-            frame = self.bus.torque_off_frame()
+            frame = self.bus.release_frame(self.infos)
             self._watchdog = Watchdog(self._file, self.limits.watchdog, frame)
 
+        # first, since a servo that an earlier silence has stopped ignores limits and goals
+        self._set_bus_watchdog(self.limits.bus_watchdog)
         self._limit_torque(self.limits.first_torque)
         self.bus.write_goals(self._last.counts)
         self.bus.set_torque(True)
@@ -261,6 +265,16 @@ class ServoLink:
         """Limit the torque to a share of the limits found in the registers."""
         self._has_written = True
         self.bus.set_torque_limit(share * np.array([info.torque_limit for info in self.infos]))
+
+    def _set_bus_watchdog(self, seconds: float) -> None:
+        """Let servos stop when the bus is silent, 0: off.
+
+        Servos with a homing offset are left out: firmware of 2022 moves them away when it stops
+        them (ROBOTIS-GIT/DynamixelSDK, issue 584).
+        """
+        self._has_written = True
+        is_direct = np.array([info.offset == 0 for info in self.infos])
+        self.bus.set_bus_watchdog(seconds * is_direct)
 
     def allow_full_torque(self) -> None:
         """Restore the torque limits that were found in the registers."""
@@ -326,7 +340,8 @@ class ServoLink:
         return RobotFault(
             "silence",
             f"no complete answer for {self.limits.silence:g} s ({'; '.join(self._errors)})",
-            remedy="check cable and power: without its host a servo holds its last goal",
+            remedy="support the robot, whose servos may hold their position, switch their power "
+            "off, and check the cable",
         )
 
     def _check(self, reading: Readings, returns: bool) -> None:
@@ -378,6 +393,7 @@ class ServoLink:
         if not self._has_written:
             return
         with contextlib.suppress(Exception):
+            self._set_bus_watchdog(0.0)
             self._limit_torque(self.limits.sinking_torque)
             end = self.clock.clock() + self.limits.sinking_time
             while self.clock.clock() < end:
@@ -396,6 +412,7 @@ class ServoLink:
                 self.bus.set_torque(False)
                 sent = True
             with contextlib.suppress(Exception):
+                self._set_bus_watchdog(0.0)
                 self._limit_torque(1.0)
                 self.set_profile([info.profile_acceleration for info in self.infos])
             self._has_written = False

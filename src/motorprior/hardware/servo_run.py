@@ -134,13 +134,14 @@ def diagnose_servos(
 ) -> None:
     """Show what the servos state, and how their joints move by hand during ``seconds`` [s].
 
-    Writes nothing; with ``idle`` it switches the torque off first. Raises RobotFault if a servo
-    does not answer or reports a condition.
+    Writes nothing; with ``idle`` it switches torque and bus watchdog off first. Raises RobotFault
+    if a servo does not answer or reports a condition.
     """
     require_number("seconds", seconds, 1.0, 3600.0)
     if idle:
         bus.ids = robot.chain.ids
         bus.set_torque(False)
+        bus.set_bus_watchdog(np.zeros(len(bus.ids)))
     infos = bus.scan(robot.chain.ids)
     for line in scan_report(infos):
         show(line)

@@ -90,6 +90,7 @@ class ServoBus(Protocol):
         load_unit: unit of loads.
         current_unit: unit of currents.
         profile_resolution: smallest step of an acceleration [rad/s²].
+        has_bus_watchdog: whether servos can stop by themselves when their host is silent.
     """
 
     ids: tuple[int, ...]
@@ -97,6 +98,7 @@ class ServoBus(Protocol):
     load_unit: str
     current_unit: str
     profile_resolution: float
+    has_bus_watchdog: bool
 
     def scan(self, ids: Sequence[int]) -> list[ServoInfo]:
         """The servos with these ids that answer."""
@@ -118,8 +120,14 @@ class ServoBus(Protocol):
     def set_profile(self, speed: np.ndarray, acceleration: np.ndarray) -> None:
         """Set (n,) limits of the trajectory profile [rad/s, rad/s²]; 0: off."""
 
-    def torque_off_frame(self) -> bytes:
-        """The bytes that switch the torque of all servos off, for the watchdog."""
+    def set_bus_watchdog(self, seconds: np.ndarray) -> None:
+        """Stop servos that hear no instruction for (n,) times [s]; 0: off.
+
+        Releases a servo that has stopped. Nothing happens where servos have no bus watchdog.
+        """
+
+    def release_frame(self, infos: Sequence[ServoInfo]) -> bytes:
+        """The bytes that switch all torques off and restore the registers, for the watchdog."""
         ...
 
     def condition_names(self, bits: int) -> tuple[str, ...]:

@@ -1,7 +1,9 @@
 """Dynamixel servos of the X series with Protocol 2.0, such as the XL330.
 
 Units: ROBOTIS e-Manual. The torque is limited by the goal PWM, which is in the RAM; the register
-`current_limit` is in the EEPROM, and never written here.
+`current_limit` is in the EEPROM, and never written here. The bus watchdog is in the RAM: 20 ms per
+unit, 0 is off, -1 states that it has stopped the servo, whose goals are then read-only until 0 is
+written.
 """
 
 import math
@@ -31,6 +33,7 @@ DYNAMIXEL_XL330 = ServoFamily(
         "profile_speed": "profile_velocity",
         "acceleration": "profile_acceleration",
         "torque_limit": "goal_pwm",
+        "bus_watchdog": "bus_watchdog",
         "min_position": "min_position_limit",
         "max_position": "max_position_limit",
         "offset": "homing_offset",
@@ -54,6 +57,7 @@ DYNAMIXEL_XL330 = ServoFamily(
     ram_start=64,
     fast_sync_read=True,
     status_register="hardware_error_status",
+    watchdog_unit=0.02,
 )
 DYNAMIXEL_X430 = replace(
     DYNAMIXEL_XL330,

@@ -1,17 +1,36 @@
-"""Names of servos. To add a bus, add a file with its `ServoFamily` or `ServoBus`, and an entry."""
+"""Names of servos. To add a bus, add a file with its `ServoBus` and opener, and an entry here."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 from motorprior.exceptions import ConfigError
+from motorprior.hardware.buses.bus import Clock, ServoBus
 from motorprior.hardware.buses.dynamixel import DYNAMIXEL_X430, DYNAMIXEL_XL330
 from motorprior.hardware.buses.feetech import FEETECH
-from motorprior.hardware.buses.rustypot_bus import ServoFamily
+
+
+class BusOpener(Protocol):
+    """Opens a bus; a `ServoFamily` for rustypot's buses."""
+
+    def open(
+        self,
+        port: str,
+        clock: Clock,
+        ids: Sequence[int],
+        baud_rate: int | None = None,
+        timeout: float = 0.03,
+    ) -> ServoBus:
+        """The bus at a port, on which one of the servos ``ids`` answers within ``timeout`` [s].
+
+        Raises RobotFault if there is none. ``baud_rate`` is the user's; None: the usual ones.
+        """
+        ...
 
 
 class ServoKind(NamedTuple):
     """A servo that a user names."""
 
-    family: ServoFamily
+    family: BusOpener
     motor: str  # in logs and priors
 
 

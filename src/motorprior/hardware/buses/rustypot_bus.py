@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError
+from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.buses.bus import Clock, NoAnswer, Readings, ServoInfo
 from motorprior.hardware.buses.frames import DynamixelFormat, FeetechFormat
 from motorprior.hardware.serial_link import no_port
@@ -30,7 +30,7 @@ class ServoFamily:
     name: str
     controller: str  # class of rustypot
     format: FeetechFormat | DynamixelFormat
-    baud_rates: tuple[int, ...]  # to try, the usual one first
+    baud_rates: tuple[int, ...]  # at which servos are searched, the usual one first [bit/s]
     counts: int  # per turn
     registers: Mapping[str, str]  # register of each quantity
     block: tuple[str, str]  # first and last register of the sensors' block
@@ -43,10 +43,36 @@ class ServoFamily:
     conditions: Mapping[int, str]  # by bit of the status
     ram_start: int  # registers at and above this address are not stored
     fast_sync_read: bool = False
+    watchdog_unit: float = 0.0  # of the bus watchdog [s]; 0: there is none
     # register of the conditions; empty if the error field of every answer holds them
     status_register: str = ""
     # unit of measured speeds [rad/s] from registers, where they decide
     speed_unit_of: Callable[[Mapping[str, int]], float] | None = None
+
+    def open(
+        self,
+        port: str,
+        clock: Clock,
+        ids: Sequence[int],
+        baud_rate: int | None = None,
+        timeout: float = _TIMEOUT,
+    ) -> "RustypotBus":
+        """The bus at the first of the usual baud rates, or the given one, at which servos answer.
+
+        Raises RobotFault if the port cannot be opened, or none of the ``ids`` answers.
+        """
+        rates = self.baud_rates if baud_rate is None else (baud_rate,)
+        for rate in rates:
+            bus = RustypotBus(self, port, rate, clock, timeout)
+            if bus.hears_one_of(ids):
+                return bus
+            bus.close()
+        raise RobotFault(
+            "silence",
+            f"no answer from servo {', '.join(map(str, ids))} at "
+            f"{', '.join(map(str, rates))} bit/s",
+            remedy="check power, cable and ids, or give --baud-rate",
+        )
 
 
 def require_servos_extra() -> Any:
@@ -109,6 +135,7 @@ class RustypotBus:
         self.load_unit = family.load_unit
         self.current_unit = family.current_unit
         self.profile_resolution = family.acceleration_unit
+        self.has_bus_watchdog = family.watchdog_unit > 0.0
         self._speed_unit = family.speed_unit
         if family.fast_sync_read:
             self._controller.set_fast_sync_read(True)
@@ -116,6 +143,14 @@ class RustypotBus:
         first, last = (self._table[name] for name in family.block)
         self._block_start = first.addr
         self._block_size = last.addr + last.size - first.addr
+
+    def hears_one_of(self, ids: Sequence[int]) -> bool:
+        """Whether one of these servos answers."""
+        for servo in ids:
+            with contextlib.suppress(RuntimeError, OSError):
+                self._controller.read_register(servo, "model_number", _TRIES)
+                return True
+        return False
 
     def scan(self, ids: Sequence[int]) -> list[ServoInfo]:
         """See `ServoBus`."""
@@ -233,6 +268,15 @@ class RustypotBus:
             self._write("profile_speed", speeds)
             self._write("acceleration", accelerations)
 
+    def set_bus_watchdog(self, seconds: np.ndarray) -> None:
+        """See `ServoBus`."""
+        if not self.has_bus_watchdog:
+            return
+        units = np.rint(seconds / self.family.watchdog_unit).astype(int).tolist()
+        for _ in range(_TRIES):
+            self._write("bus_watchdog", [0] * len(self.ids))  # clears the state of a stopped servo
+            self._write("bus_watchdog", units)
+
     def _write(self, quantity: str, values: list[int]) -> None:
         name = self.family.registers[quantity]
         register = self._table[name]
@@ -243,10 +287,25 @@ class RustypotBus:
             raise NoAnswer(str(error)) from error
         self._clock.written()
 
-    def torque_off_frame(self) -> bytes:
+    def release_frame(self, infos: Sequence[ServoInfo]) -> bytes:
         """See `ServoBus`."""
-        address = self._table[self.family.registers["torque_enable"]].addr
-        return self.family.format.sync_write(self.ids, address, [b"\x00"] * len(self.ids))
+        family = self.family
+        off = [0] * len(infos)
+        frame = self._frame("torque_enable", off)
+        if self.has_bus_watchdog:
+            frame += self._frame("bus_watchdog", off)  # before goals, which it makes read-only
+        limits = [round(family.full_torque * info.torque_limit) for info in infos]
+        speeds = [round(info.profile_speed / family.profile_unit) for info in infos]
+        steps = [round(info.profile_acceleration / family.acceleration_unit) for info in infos]
+        frame += self._frame("torque_limit", limits)
+        frame += self._frame("profile_speed", speeds)
+        return frame + self._frame("acceleration", steps)
+
+    def _frame(self, quantity: str, values: Sequence[int]) -> bytes:
+        """The frame that writes non-negative values."""
+        register = self._table[self.family.registers[quantity]]
+        data = [value.to_bytes(register.size, "little") for value in values]
+        return self.family.format.sync_write(self.ids, register.addr, data)
 
     def condition_names(self, bits: int) -> tuple[str, ...]:
         """See `ServoBus`."""

@@ -86,6 +86,7 @@ class VirtualBus:
         self.now = 0.0
         self._started = time.monotonic()
         self._sensed = 0.0  # time of the last reading of the sensors [s]
+        self._heard = 0.0  # time of the last instruction [s]
         self._steps = 0  # physics steps since the start
         self.blocked = np.zeros(len(self.servos), bool)
         # shares of lost and of damaged answers [-]
@@ -170,7 +171,10 @@ class VirtualBus:
             ready, _, _ = select.select([self._master], [], [], 0.005)
             with self._lock:
                 if self._in_real_time:
-                    self._advance(time.monotonic() - self._started)
+                    now = time.monotonic() - self._started
+                    if ready:  # a busy computer makes no silence
+                        self._heard = now
+                    self._advance(now)
                 if ready:
                     self._receive()
 
@@ -183,6 +187,7 @@ class VirtualBus:
         self._pass(len(data) * self._byte_time)
         for instruction in self._table.format.instructions(self._buffer):
             self._pass(_HOST_DELAY)
+            self._heard = self.now
             answers = self._execute(instruction)
             for answer in answers:
                 self._send(answer)
@@ -304,10 +309,11 @@ class VirtualBus:
         counts = self._counts(state.pos)
         speeds = self._signs * state.vel
         duties = self._signs * state.duty
-        enabled = [servo.get("torque_enable") for servo in self.servos]
+        before = [(servo.get("torque_enable"), servo.is_stopped) for servo in self.servos]
         for index, servo in enumerate(self.servos):
             servo.sense(counts[index], speeds[index], duties[index], seconds)
-        if enabled != [servo.get("torque_enable") for servo in self.servos]:
+            servo.hear_nothing(self.now - self._heard)
+        if before != [(servo.get("torque_enable"), servo.is_stopped) for servo in self.servos]:
             self._update_command()
 
     def _counts(self, joint_pos: np.ndarray) -> np.ndarray:
@@ -323,13 +329,15 @@ class VirtualBus:
 
         goals = registers("goal_position")
         supplies = np.array([servo.supply for servo in self.servos])
+        # the profile of a servo that stops by itself is 0
+        profiled = np.array([not servo.is_stopped for servo in self.servos])
         command = ServoCommand(
             target=self._signs * (goals - self._zeros) * TURN / COUNTS,
             enabled=registers("torque_enable") > 0,
             gain=registers("p_gain") / table.gain_unit,
             torque_share=registers("torque_limit") / table.full_torque,
-            speed=table.profile_unit * registers("profile_speed"),
-            acceleration=table.acceleration_unit * registers("acceleration"),
+            speed=profiled * table.profile_unit * registers("profile_speed"),
+            acceleration=profiled * table.acceleration_unit * registers("acceleration"),
             supply=supplies / table.nominal_voltage,
             blocked=self.blocked.copy(),
         )

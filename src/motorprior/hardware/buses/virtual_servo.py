@@ -62,6 +62,7 @@ class ControlTable:
     full_current: float  # at full torque [A]
     nominal_voltage: float  # at which the motors' constants hold [V]
     conditions: Mapping[str, int]  # bit of each condition in the register "status"
+    watchdog_unit: float = 0.0  # of the register "bus_watchdog" [s]; 0: there is none
 
 
 FEETECH_STS = ControlTable(
@@ -109,7 +110,8 @@ DYNAMIXEL_XL330 = ControlTable(
         "max_voltage": (32, 2), "min_voltage": (34, 2), "max_torque": (36, 2),
         "max_position": (48, 4), "min_position": (52, 4), "unloading": (63, 1),
         "torque_enable": (64, 1), "status": (70, 1), "d_gain": (80, 2), "i_gain": (82, 2),
-        "p_gain": (84, 2), "torque_limit": (100, 2), "acceleration": (108, 4),
+        "p_gain": (84, 2), "bus_watchdog": (98, 1), "torque_limit": (100, 2),
+        "goal_current": (102, 2), "goal_speed": (104, 4), "acceleration": (108, 4),
         "profile_speed": (112, 4), "goal_position": (116, 4), "moving": (122, 1),
         "load": (124, 2), "current": (126, 2), "speed": (128, 4), "position": (132, 4),
         "voltage": (144, 2), "temperature": (146, 1),
@@ -120,7 +122,9 @@ DYNAMIXEL_XL330 = ControlTable(
         "unloading": 53, "p_gain": 400, "torque_limit": 885,
     },
     sign_bits={},
-    signed=frozenset({"offset", "goal_position", "load", "current", "speed", "position"}),
+    signed=frozenset(
+        {"offset", "bus_watchdog", "goal_position", "load", "current", "speed", "position"}
+    ),
     size=230,
     ram_start=64,
     full_torque=885,
@@ -132,7 +136,10 @@ DYNAMIXEL_XL330 = ControlTable(
     full_current=1.47,
     nominal_voltage=5.0,
     conditions={"voltage": 0, "temperature": 2, "encoder": 3, "current": 4, "overload": 5},
+    watchdog_unit=0.02,
 )  # fmt: skip
+# registers that are read-only after the bus watchdog has stopped the servo
+_GOALS = ("torque_limit", "goal_current", "goal_speed", "goal_position")
 _TABLES = {"STS": FEETECH_STS, "XL330": DYNAMIXEL_XL330}
 
 
@@ -202,7 +209,7 @@ class VirtualServo:
         """Execute a write; returns the error number of Dynamixel Protocol 2.0, 0 for Feetech."""
         end = address + len(data)
         is_dynamixel = self.table.format is DYNAMIXEL_FORMAT
-        if end > self.table.size:
+        if end > self.table.size or self._is_refused(address, data):
             return 4 * is_dynamixel  # data range error
         if address < self.table.ram_start:
             self.eeprom_writes += 1
@@ -216,6 +223,30 @@ class VirtualServo:
         if address <= enable < end and self.get("status"):
             self.set("torque_enable", 0)  # a condition keeps the torque off
         return 0
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether its bus watchdog has stopped it."""
+        return self.table.watchdog_unit > 0.0 and self.get("bus_watchdog") < 0
+
+    def _is_refused(self, address: int, data: bytes) -> bool:
+        """Whether a stopped servo refuses a write: goals, and a bus watchdog other than 0."""
+        if not self.is_stopped:
+            return False
+        registers = self.table.registers
+        goals = [registers[name] for name in _GOALS]
+        if any(address < start + size and start < address + len(data) for start, size in goals):
+            return True
+        return address == registers["bus_watchdog"][0] and data != b"\x00"
+
+    def hear_nothing(self, seconds: float) -> None:
+        """Stop where it is, if its bus watchdog allows no silence of ``seconds`` [s]."""
+        if not self.table.watchdog_unit or not self.get("torque_enable"):
+            return
+        units = self.get("bus_watchdog")
+        if 0 < units * self.table.watchdog_unit < seconds:
+            self.set("bus_watchdog", -1)
+            self.set("goal_position", self.get("position"))
 
     def condition(self, name: str, present: bool) -> None:
         """Report a condition, which switches the torque off."""
