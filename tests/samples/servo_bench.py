@@ -9,7 +9,7 @@ import pytest
 
 from motorprior.commands.servo_bus import Bar, chain_of_one, open_virtual_bus
 from motorprior.commands.virtual_robot import VirtualRobotSettings
-from motorprior.hardware.buses.rustypot_bus import RustypotBus
+from motorprior.hardware.buses.bus import ServoBus
 from motorprior.hardware.buses.virtual_bus import VirtualBus
 from motorprior.robots.servos import ServoChain
 from motorprior.robots.so101.robot import SO101
@@ -23,7 +23,7 @@ class TestBus:
 
     __test__ = False  # not a test
     virtual: VirtualBus
-    client: RustypotBus
+    client: ServoBus
     chain: ServoChain
 
     @property
