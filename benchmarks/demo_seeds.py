@@ -14,14 +14,16 @@ Five minutes per seed on two cores.
 """
 
 import math
+import shlex
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from figures import PROGRESS, markdown, run_benchmark
+from figures import markdown, run_benchmark
 from motorprior.artifacts import write_text
-from motorprior.commands.demo import CONDITIONS, Demo, run_demo
 from motorprior.report.plots_style import model_label
 from motorprior.studies.statistics import (
     IN_TRAINING,
@@ -35,6 +37,7 @@ from motorprior.studies.statistics import (
 )
 from motorprior.studies.transfer import WALKS
 
+CONDITIONS = ("ideal_pd", "friction_pd", "paper", SAMPLED_PRIOR, "adapted_prior")
 ENVIRONMENTS = (IN_TRAINING, "fleet", "hard")
 # metric -> unit in the table, factor to this unit, number format
 METRICS = {
@@ -52,30 +55,18 @@ class Settings:
 
     out: Path  # run folder
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)  # seeds of the demo
-    motors: int = Demo.motors  # motors on a bench
-    bench_steps: int = Demo.bench_steps  # samples of each motor's log
-    iterations: int = Demo.iterations  # iterations of a training
-    directions: int = Demo.directions  # directions per iteration
-    walks: int = Demo.walks  # walks per policy and environment
-    adam_steps: int | None = None  # of the paper's network; its preset's if None
+    options: str = ""  # further options of the demo, such as "--motors 12 --walks 2"
 
 
 def compute(settings: Settings) -> dict[str, float]:
     """Run the demos; write and return the statistics over their benches."""
     walks: list[WalkRow] = []
     for seed in settings.seeds:
-        demo = Demo(
-            settings.out / f"seed_{seed}",
-            seed=seed,
-            motors=settings.motors,
-            bench_steps=settings.bench_steps,
-            iterations=settings.iterations,
-            directions=settings.directions,
-            walks=settings.walks,
-            adam_steps=settings.adam_steps,
-        )
-        run_demo(demo, PROGRESS)
-        walks += read_walks(demo.out / WALKS)
+        out = settings.out / f"seed_{seed}"
+        command = [sys.executable, "-m", "motorprior", "demo", "--out", str(out)]
+        command += ["--seed", str(seed), *shlex.split(settings.options)]
+        subprocess.run(command, check=True)
+        walks += read_walks(out / WALKS)
 
     estimates = summarise(walks).estimates
     compared = differences(walks)

@@ -35,8 +35,8 @@ SMALL_RUNS = {
     ),
     "command_modes": SmallRun("--out {out} --mit 1 --torque 1 --seconds 4"),
     "demo_seeds": SmallRun(
-        "--out {out} --seeds 0 1 --motors 12 --bench-steps 1500 --adam-steps 30 --iterations 1 "
-        "--directions 2 --walks 2",
+        "--out {out} --seeds 0 1 --options '--motors 12 --bench-steps 1500 --adam-steps 30 "
+        "--iterations 1 --directions 2 --walks 2'",
         files=("figures.json", "table.md"),
     ),
     "encoder_place": SmallRun("--data {data} --out {out} --logs 8 --seconds 2"),
