@@ -65,6 +65,7 @@ MEANINGS = {
     "no_load_speed": "speed at which this limit is zero",
     "current_time": "time constant with which the torque follows the control law",
     "asymmetry": "dry friction × (1 + asymmetry · sign(v))",
+    "friction_slope": "dry friction × (1 + friction_slope · angle of the rotor)",
     "bristle_stiffness": "torque per angle of a rotor that dry friction holds",
     "output_damping": "friction torque per speed of the joint",
     "heat_loss": "share of the torque that a warm motor lacks",
