@@ -112,6 +112,44 @@ def test_gains_of_a_joint_are_elements_of_an_array(tmp_path: Path):
     np.testing.assert_array_equal(log.gains, [[40.0, 80.0], [1.0, 2.0]])
 
 
+@pytest.mark.parametrize(("shipped", "joints"), [("go2_tensors", 12), ("z1_tensors", 7)])
+def test_shipped_maps_of_tensors_take_gains_from_the_file(
+    tmp_path: Path, shipped: str, joints: int
+):
+    path = tmp_path / "run.npz"
+    motion = np.tile(np.sin(5.0 * TIME)[:, None], (1, joints))
+    kp = np.linspace(15.0, 60.0, joints)
+    kd = np.linspace(0.5, 3.0, joints)
+    np.savez(
+        path, time=TIME, des_dof_pos=motion, dof_pos=motion - 0.01, dof_vel=motion, kp=kp, kd=kd
+    )
+
+    log = mp.read_log(path, columns=shipped)
+
+    assert log.gains is not None
+    np.testing.assert_array_equal(log.gains, [kp, kd])
+
+
+def test_gains_of_a_file_that_its_map_ignores_are_a_warning(tmp_path: Path):
+    path = tmp_path / "run.npz"
+    motion = np.sin(5.0 * TIME)
+    np.savez(path, t=TIME, goal=motion, pos=motion - 0.01, kp=[20.0], kd=[1.5], skpd=[1.0])
+    columns = map_of(tmp_path, HEAD + 'position_target = "goal"\n' + JOINT + "kp = 25\nkd = 1\n")
+
+    with pytest.warns(UserWarning, match="map.toml ignores gains of the file: kp ->"):
+        log = mp.load_log(path, columns=columns)
+
+    assert log.gains is not None
+    assert log.gains[0] == 25.0
+
+    table_path = tmp_path / "run.csv"
+    rows = np.column_stack([TIME, motion, motion - 0.01, np.full(ROWS, 1.5)])
+    np.savetxt(table_path, rows, delimiter=",", header="t,goal,pos,Kd_hip", comments="")
+
+    with pytest.warns(UserWarning, match="ignores gains of the file: Kd_hip -> .* by kd"):
+        mp.load_log(table_path, columns=columns)
+
+
 def test_a_map_without_any_command_is_refused(tmp_path: Path):
     with pytest.raises(ArtifactError, match="no command") as refused:
         mp.read_log(table(tmp_path), columns=map_of(tmp_path, HEAD + JOINT))

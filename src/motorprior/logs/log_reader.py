@@ -1,6 +1,7 @@
 """The interface of a log format, and logs from the columns that a `ColumnMap` names."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import ConfigError, LogError, listed
 from motorprior.logs.column_map import (
     BASE_ANGLES,
     GAINS,
@@ -46,6 +47,8 @@ class LogReader:
     # None if the format needs a column map
     read: Callable[[Path, Robot | None], MotorLog] | None = None
     columns: Columns | None = None  # for a column map; None if it needs none
+    # names of the columns or arrays of a file that is read with a column map
+    names: Callable[[Path], Sequence[str]] = lambda path: ()
     # text about the content, for the error if a format that needs a map is read without
     unmapped: Callable[[Path], str] = lambda path: ""
     # (path, robot, period [s], suspended) -> the log on a grid, for a format that has more
@@ -183,6 +186,20 @@ def gain_contradictions(log: MotorLog, columns: ColumnMap) -> tuple[str, ...]:
             warnings.append(
                 f"{name} of {joint.name} is {logged:.4g} in the file (largest) and {number:.4g} in "
                 f"the column map {columns.source}; the file counts -> correct the map"
+            )
+    return tuple(warnings)
+
+
+def unmapped_gains(names: Sequence[str], columns: ColumnMap) -> tuple[str, ...]:
+    """Warnings of gains among the ``names`` of a file's columns that the map does not use."""
+    warnings = []
+    for name in GAINS:
+        is_gain = re.compile(rf"(?<![a-z]){name}(?![a-z])", re.IGNORECASE)
+        unmapped = [column for column in names if is_gain.search(column)]
+        if name not in columns.series and unmapped:
+            warnings.append(
+                f"the column map {columns.source} ignores gains of the file: {listed(unmapped, 5)} "
+                f"-> name them in the map by {name} = ..."
             )
     return tuple(warnings)
 

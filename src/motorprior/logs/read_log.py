@@ -11,12 +11,13 @@ from pkgutil import iter_modules
 
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
 from motorprior.logs import readers
-from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
+from motorprior.logs.column_map import GAINS, ColumnMap, load_column_map, shipped_maps
 from motorprior.logs.log_reader import (
     GIVE_COLUMNS,
     LogReader,
     gain_contradictions,
     read_mapped_log,
+    unmapped_gains,
 )
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
@@ -80,7 +81,10 @@ def read_recording(
     if columns is not None:
         column_map = load_column_map(columns).of_robot(robot)
         log = _read_mapped(path, reader, column_map, robot)
-        return Recording(log, path, warnings=gain_contradictions(log, column_map))
+        warnings = gain_contradictions(log, column_map)
+        if not set(GAINS) <= column_map.series.keys():
+            warnings += unmapped_gains(reader.names(path), column_map)
+        return Recording(log, path, warnings=warnings)
     if period is not None and reader.on_grid is not None:
         return Recording(reader.on_grid(path, robot, period, suspended), path, is_on_grid=True)
     assert reader.read is not None

@@ -66,6 +66,10 @@ def _unmapped(path: Path) -> str:
     return f"arrays without a map: {', '.join(shapes[:8]) or 'none'}"
 
 
+def _names(path: Path) -> list[str]:
+    return list(_arrays(path))
+
+
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     require_file(path, LogError)
     try:
@@ -119,4 +123,6 @@ _READ = {
     ".pkl": pickled_arrays,
     ".pickle": pickled_arrays,
 }
-READER = LogReader("arrays", tuple(_READ), columns=array_columns, unmapped=_unmapped)
+READER = LogReader(
+    "arrays", tuple(_READ), columns=array_columns, names=_names, unmapped=_unmapped
+)

@@ -256,8 +256,18 @@ def _unmapped(path: Path) -> str:
     return f"a table of unknown format; its first line is {names[:200]}"
 
 
+def _names(path: Path) -> list[str]:
+    if path.suffix != ".parquet":
+        return csv_names(path)
+    import pyarrow.parquet as pq
+
+    return list(pq.read_schema(path).names)
+
+
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
     return table_columns(path, names, columns.time)
 
 
-READER = LogReader("table", (".csv", ".csv.gz", ".parquet"), unmapped=_unmapped, columns=_columns)
+READER = LogReader(
+    "table", (".csv", ".csv.gz", ".parquet"), columns=_columns, names=_names, unmapped=_unmapped
+)
