@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from motorprior.bounds import TABLE, TEXT, Field, is_number, many
 from motorprior.exceptions import ArtifactError
 from motorprior.schema import Schema
@@ -67,25 +69,31 @@ def _is_stated(value: Any) -> bool:
     return is_pair and is_number(value[0], 1e-12, 1e9) and is_number(value[1], 1e-3, 3.0)
 
 
-# Stall torques of servos by their maker [N·m]: XL330 at 5 V, XL-320 at 7.4 V, others at 12 V
-# (ROBOTIS e-Manual). Lower case names are those of Rhoban/bam.
+# Stall torque [N·m] of servos by their maker, and its supply voltage [V] (ROBOTIS e-Manual). Lower
+# case names are those of Rhoban/bam.
 _STALL_TORQUES = {
-    "xl330": 0.52,
-    "XL330-M288": 0.52,
-    "xl320": 0.39,
-    "mx64": 6.0,
-    "mx106": 8.4,
+    "xl330": (0.52, 5.0),
+    "XL330-M288": (0.52, 5.0),
+    "xl320": (0.39, 7.4),
+    "mx64": (6.0, 12.0),
+    "mx106": (8.4, 12.0),
 }
 # Standard deviation of the logarithm of a torque limit about the stall torque: assumption. The
-# supply, the firmware's limits of duty and current, and friction change it.
+# firmware's limits of duty and current, and friction change it.
 _STALL_TORQUE_STD = 0.3
 
 
-def known_motor(name: str) -> MotorModel | None:
-    """The motor of this name, if its maker states the stall torque."""
+def known_motor(name: str, voltage: np.ndarray | None) -> MotorModel | None:
+    """The motor of this name, if its maker states the stall torque.
+
+    The stall torque is proportional to the supply voltage, of which a log has the values
+    ``voltage`` (T, 1) [V]. Without them it is that of the maker.
+    """
     if name not in _STALL_TORQUES:
         return None
-    return MotorModel(name, torque_limit=StatedValue(_STALL_TORQUES[name], _STALL_TORQUE_STD))
+    stall_torque, volts = _STALL_TORQUES[name]
+    share = 1.0 if voltage is None else float(np.mean(voltage)) / volts
+    return MotorModel(name, torque_limit=StatedValue(share * stall_torque, _STALL_TORQUE_STD))
 
 
 _STATED = Field("[value, standard deviation of its logarithm, 0.001 to 3]", _is_stated)

@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_step import PARAMETERS, parameters_of
 from motorprior.identification.physics.limits import LimitedMotors, with_decided_limits
 from motorprior.identification.physics.motor_fit import fit_motors
+from motorprior.identification.physics.motor_model_fit import ModelLevel, model_level
 from motorprior.identification.physics.motor_problem import (
     centred_search,
     fixed_constants,
@@ -17,6 +19,7 @@ from motorprior.identification.physics.motor_problem import (
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS, Recipe
 from motorprior.identification.windows import POS, READING, TARGET, TORQUE, VEL, TrainingData
+from motorprior.robots.motor_models import MotorModel, StatedValue
 
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
@@ -92,7 +95,50 @@ def test_a_low_limit_that_all_siblings_exceed_is_off(decoder_data: Data):
     assert np.all(np.exp(center[LIMIT] + x[:, LIMIT]) > 10.0)
 
 
-def decided(runs: WindowRuns, center: np.ndarray, x: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    search = centred_search(center, (), runs)
-    motors = LimitedMotors(search, center, (), runs, fixed_constants((), runs), groups)
+def test_a_limit_that_a_maker_states_stays_where_another_motor_has_none(decoder_data: Data):
+    runs, outputs = noisy_logs(decoder_data, [60.0, 60.0])
+    center = initial_center(())
+    stated = MotorModel("A", torque_limit=StatedValue(60.0, 0.1))
+    level = model_level((stated, MotorModel("B")), center, (), "", fixed_constants((), runs))
+    assert level is not None
+
+    x = decided(runs, center, outputs - center, level.index, level=level)
+
+    limits = np.exp(center[LIMIT] + x[:, LIMIT])
+    np.testing.assert_allclose(limits[0], 60.0)
+    assert limits[1] > 60.0
+
+
+@pytest.mark.parametrize("limit", [1.5, 60.0])
+def test_without_a_no_load_speed_the_torque_limit_replaces_the_stall_torque(
+    decoder_data: Data, limit: float
+):
+    terms = ("torque_speed",)
+    names = parameters_of(terms)
+    runs, outputs = noisy_logs(decoder_data, [limit])
+    center = np.append(initial_center(()), np.log([limit, 1e4]))
+    x = np.append(outputs, center[len(PARAMETERS) :][None], axis=1) - center
+    x[:, LIMIT] = 4.0
+
+    x = decided(runs, center, x, np.zeros(1, int), terms)
+
+    fitted = dict(zip(names, np.exp(center + x[0]), strict=True))
+    assert fitted["stall_torque"] > 50.0
+    if limit < 50.0:
+        np.testing.assert_allclose(fitted["torque_limit"], limit, rtol=0.1)
+    else:
+        assert fitted["torque_limit"] > 50.0
+
+
+def decided(
+    runs: WindowRuns,
+    center: np.ndarray,
+    x: np.ndarray,
+    groups: np.ndarray,
+    terms: tuple[str, ...] = (),
+    level: ModelLevel | None = None,
+) -> np.ndarray:
+    search = centred_search(center, terms, runs)
+    fixed = fixed_constants(terms, runs)
+    motors = LimitedMotors(search, center, terms, runs, fixed, groups, level)
     return with_decided_limits(motors, x)

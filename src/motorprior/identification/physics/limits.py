@@ -20,7 +20,10 @@ limit, is replaced by the siblings' median.
 
 A limit that is not kept is off: DISABLED_LIMIT_FACTOR times the largest request or speed, or the
 value in `NEGLIGIBLE` for an acceleration. With a limit that the logs do not identify, the motor
-could saturate in other motions. A limit that the maker states is never off.
+could saturate in other motions. A limit that the maker of a motor states is never off.
+
+The torque-speed line is decided by its no-load speed, before the torque limit. Without a no-load
+speed the line is a constant limit, its stall torque, which the torque limit takes over.
 """
 
 from collections.abc import Iterable
@@ -64,6 +67,8 @@ TORQUE_RANGE = (0.05, 0.8)
 SPEED_RANGE = (1.02, 3.0)
 ACCELERATION_RANGE = (2e-3, 0.5)
 PROPOSAL_STEPS = ((10, WIDE),)
+# in this order: a torque limit replaces a torque-speed line without a no-load speed
+DECIDED = ("no_load_speed", "torque_limit", "profile_speed", "profile_acceleration")
 
 
 @dataclass(frozen=True)
@@ -83,15 +88,44 @@ def with_decided_limits(motors: LimitedMotors, x: np.ndarray) -> np.ndarray:
     """(M, K) unknowns x (M, K) of a fit, with the limits that the logs identify."""
     x = np.clip(x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
     names = parameters_of(motors.terms)
-    for name in ("torque_limit", *SPEED_LIMITS, "profile_acceleration"):
+    for name in DECIDED:
         if name not in names:
             continue
         column = names.index(name)
-        is_stated = motors.level is not None and motors.level.is_stated[:, column].all()
-        if motors.fixed[column] or is_stated or _off_value(name, motors, x) == 0.0:
+        all_stated = _is_stated(motors, column).all()
+        if motors.fixed[column] or all_stated or _off_value(name, motors, x) == 0.0:
             continue
-        x = _LimitDecision(motors, x, name).decided()
+        decision = _LimitDecision(motors, x, name)
+        x = decision.decided()
+        if name == "no_load_speed":
+            x = _without_flat_lines(motors, x, decision.is_off(x))
     return x
+
+
+def _without_flat_lines(motors: LimitedMotors, x: np.ndarray, is_flat: np.ndarray) -> np.ndarray:
+    """(M, K) the same motors, with a torque limit in place of lines without a no-load speed.
+
+    ``is_flat`` (M,) is the mask of these motors. A torque limit that is stated remains.
+    """
+    names = parameters_of(motors.terms)
+    limit = names.index("torque_limit")
+    stall = names.index("stall_torque")
+    log_stall = motors.center[stall] + x[:, stall]
+    log_limit = np.minimum(motors.center[limit] + x[:, limit], log_stall)
+    log_off = np.log(_off_value("stall_torque", motors, x))
+
+    x = x.copy()
+    takes_over = is_flat & ~_is_stated(motors, limit)
+    x[takes_over, limit] = log_limit[takes_over] - motors.center[limit]
+    x[is_flat, stall] = np.maximum(log_stall, log_off)[is_flat] - motors.center[stall]
+    return np.clip(x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+
+
+def _is_stated(motors: LimitedMotors, column: int) -> np.ndarray:
+    """(M,) whether the maker of each motor states a constant."""
+    if motors.level is None:
+        return np.zeros(len(motors.groups), bool)
+    return motors.level.is_stated[motors.level.index, column]
 
 
 def _off_value(name: str, motors: LimitedMotors, x: np.ndarray) -> float:
@@ -115,6 +149,7 @@ class _LimitDecision:
         self._x = x
         self._column = names.index(name)
         self._is_limit = np.arange(len(names)) == self._column
+        self._is_stated = _is_stated(motors, self._column)
 
         center = motors.center
         log_off = np.log(_off_value(name, motors, x)) - center[self._column]
@@ -130,11 +165,11 @@ class _LimitDecision:
         proposed = self._proposed()
         binds = self._binds(proposed)
         off = self._x.copy()
-        off[:, self._column] = self._off
+        off[:, self._column] = np.where(self._is_stated, off[:, self._column], self._off)
         with_limit = off.copy()
         without_limit = off.copy()
         is_test = np.zeros(binds.shape, bool)
-        for motor in np.flatnonzero(binds.any(axis=1)).tolist():
+        for motor in np.flatnonzero(binds.any(axis=1) & ~self._is_stated).tolist():
             is_test[motor] = is_held_out(self._motors.runs, binds[motor])
             fits = self._fitted_to_rest(motor, proposed, off, is_test[motor])
             with_limit[motor], without_limit[motor] = fits
@@ -144,6 +179,7 @@ class _LimitDecision:
         losses_without = self._search.observation_losses(without_limit)
         ratios = np.log(losses_without + 1e-9) - np.log(losses_with + 1e-9)
         kept = np.array([self._is_kept(motor, binds, is_test, ratios) for motor in range(len(off))])
+        kept |= self._is_stated
         value = np.where(kept, with_limit[:, self._column], self._off)
         contradicted, siblings_value = self._contradicted(value, kept)
         value = np.where(contradicted, siblings_value, value)
@@ -154,6 +190,7 @@ class _LimitDecision:
         is_worse = np.sum(binds * (losses_of_fit - (1.0 + MIN_SAVING) * losses_with), axis=1) > 0.0
         is_bound = binds_in_fit.any(axis=1)
         is_changed = np.where(kept, is_worse | ~is_bound, is_bound) | contradicted
+        is_changed &= ~self._is_stated
         x = np.where(kept[:, None], self._x, off)
         changed = np.flatnonzero(is_changed)
         if len(changed):
@@ -162,6 +199,10 @@ class _LimitDecision:
             holds_limit = ~kept | contradicted
             x[changed] = self._descended(self._search, start, holds_limit, changed)
         return x
+
+    def is_off(self, x: np.ndarray) -> np.ndarray:
+        """(M,) whether the limit of motors x (M, K) is off."""
+        return ~self._is_stated & (x[:, self._column] >= self._off - 1e-9)
 
     def _proposed(self) -> np.ndarray:
         """(M, K) the best of the fit and of descents from the values of the scan."""

@@ -123,6 +123,4 @@ _READ = {
     ".pkl": pickled_arrays,
     ".pickle": pickled_arrays,
 }
-READER = LogReader(
-    "arrays", tuple(_READ), columns=array_columns, names=_names, unmapped=_unmapped
-)
+READER = LogReader("arrays", tuple(_READ), columns=array_columns, names=_names, unmapped=_unmapped)
