@@ -184,9 +184,8 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
 
     The channel joint_reading has splines through the raw readings. Velocities are the derivatives
     of the smoothed angles' splines: recorded velocities are often filtered, and loads need
-    accelerations. Commands are smoothed like the angles, because many logs record both up to a
-    sample late, but not across a change that the sender made at once (`command_steps`). Gains are
-    never smoothed.
+    accelerations. Commands are held until the next row. Position targets that are rounded to the
+    encoder's quantum are smoothed like the angles, between their events (`command_events`).
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
@@ -200,7 +199,8 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
         noise, jerk_density = noise_and_jerk
         angles, _ = smoothed(angles, segments, log.period, noise, jerk_density)
         noise_on_grid = noise * math.sqrt(log.period / period)  # the same smoothing, see `smoothed`
-        grid = _with_smooth_commands(grid, log, noise, noise_on_grid, jerk_density)
+        if log.command_mode not in ("velocity", "torque"):  # the target is the angle in these
+            grid = _with_smooth_commands(grid, log, noise_on_grid, jerk_density)
 
     pos = np.empty_like(grid.joint_pos)
     vel = np.empty_like(grid.joint_pos)
@@ -214,76 +214,74 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
-# A change of a command counts as made at once if it exceeds this number of standard deviations of
-# the angle's noise; smaller ones are quantisation or polling.
-_MIN_STEP = 6.0
+# A change of a target by more than this number of quanta is an event. A rounded target that moves
+# by less than a quantum per row changes by fewer.
+_QUANTA_PER_EVENT = 2.1
+_DIGITS = 1e-6  # smaller differences are rounding of the numbers in a file [rad]
 
 
-def command_steps(log: MotorLog, name: str, noise: float) -> np.ndarray:
-    """(T, J) whether the sender changed a channel of COMMANDS at once, at this row.
+def command_events(log: MotorLog) -> np.ndarray:
+    """(T, J) whether the position target changes at this row by more than rounding explains.
 
-    A change between two rows is a step if it is large compared with the ``noise`` [rad] of the
-    angles, and differs from the changes before and after it by more than half of itself: a motion
-    in progress changes its command by similar amounts in successive rows. For velocity targets and
-    feed-forward torques, the noise is scaled by their standard deviation over that of the angles.
+    Only a target in quanta of the joint's encoder, or in smaller ones, counts as rounded. Every
+    change of another target is an event.
     """
-    command = channels(log)[name]
-    min_step = np.full(log.num_joints, _MIN_STEP * noise)
-    if name != "position_target":
-        motion = np.maximum(np.std(log.joint_pos, axis=0), noise)
-        min_step *= np.std(command, axis=0) / motion
+    target_quanta = _quanta(log.position_target)
+    is_rounded = target_quanta < 1.5 * _quanta(log.joint_pos)
+    min_event = np.where(is_rounded, _QUANTA_PER_EVENT * target_quanta, 0.0)
 
-    is_step = np.zeros(command.shape, bool)
+    is_event = np.zeros(log.position_target.shape, bool)
     for segment in log.segment_slices():
-        change = np.diff(command[segment], axis=0)
-        static = np.zeros_like(change[:1])
-        change_before = np.concatenate([static, change[:-1]])
-        change_after = np.concatenate([change[1:], static])
-        size = np.abs(change)
-        is_step[segment][1:] = (
-            (size > min_step)
-            & (np.abs(change - change_before) > 0.5 * size)
-            & (np.abs(change - change_after) > 0.5 * size)
-        )
-    return is_step
+        change = np.diff(log.position_target[segment], axis=0)
+        is_event[segment][1:] = np.abs(change) > min_event
+    return is_event
+
+
+def _quanta(angles: np.ndarray) -> np.ndarray:
+    """(J,) smallest differences between values of the columns (T, J) [rad]; 0 if one is static."""
+    quanta = np.zeros(angles.shape[1])
+    for joint, column in enumerate(angles.T):
+        differences = np.diff(np.unique(column))
+        differences = differences[differences > _DIGITS]
+        if len(differences):
+            quanta[joint] = differences.min()
+    return quanta
 
 
 def _with_smooth_commands(
-    grid: MotorLog, log: MotorLog, noise: float, noise_on_grid: float, jerk_density: float
+    grid: MotorLog, log: MotorLog, noise: float, jerk_density: float
 ) -> MotorLog:
-    """The log on its grid with commands that are smoothed between their steps.
+    """The log on its grid with position targets that are smoothed between their events.
 
-    ``log`` is the recording. The noises [rad] and the jerk density are those of its angles.
+    ``log`` is the recording. The noise [rad] and the jerk density are those of the angles on the
+    grid.
     """
     from motorprior.logs.smoothing import smoothed
 
-    values = {name: channels(grid)[name].copy() for name in COMMANDS if name in channels(grid)}
-    if log.command_mode in ("velocity", "torque"):
-        del values["position_target"]  # it is the angle
-    for name, commands in values.items():
-        is_step = command_steps(log, name, noise)
-        for joint in range(grid.num_joints):
-            step_times = log.time[is_step[:, joint]]
-            pieces = []
-            for segment in grid.segment_slices():
-                pieces += _pieces_between(step_times, grid.time, segment, grid.period)
-            column = commands[:, joint, None]
-            smooth, _ = smoothed(column, tuple(pieces), grid.period, noise_on_grid, jerk_density)
-            for piece in pieces:
-                commands[piece, joint] = smooth[piece, 0]
-    return replace(grid, **values)
+    is_event = command_events(log)
+    commands = grid.position_target.copy()
+    for joint in range(grid.num_joints):
+        event_times = log.time[is_event[:, joint]]
+        pieces = []
+        for segment in grid.segment_slices():
+            pieces += _pieces_between(event_times, grid.time, segment, grid.period)
+        column = commands[:, joint, None]
+        smooth, _ = smoothed(column, tuple(pieces), grid.period, noise, jerk_density)
+        for piece in pieces:
+            commands[piece, joint] = smooth[piece, 0]
+    return replace(grid, position_target=commands)
 
 
 def _pieces_between(
-    step_times: np.ndarray, time: np.ndarray, segment: slice, period: float
+    event_times: np.ndarray, time: np.ndarray, segment: slice, period: float
 ) -> list[slice]:
-    """Runs of rows of a segment that no step divides.
+    """Runs of rows of a segment that no event divides.
 
-    A row in whose period a step falls has a mean of the commands before and after the step: it is
-    in no run.
+    A row in whose period an event falls has a mean of the commands before and after the event: it
+    is in no run.
     """
-    first_after = np.searchsorted(time[segment], step_times - 1e-6 * period) + segment.start
-    last_before = np.searchsorted(time[segment] + period, step_times + 1e-6 * period, "right")
+    first_after = np.searchsorted(time[segment], event_times - 1e-6 * period) + segment.start
+    last_before = np.searchsorted(time[segment] + period, event_times + 1e-6 * period, "right")
     last_before += segment.start
     starts = [segment.start, *first_after.tolist()]
     stops = [*last_before.tolist(), segment.stop]
