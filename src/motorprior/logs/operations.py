@@ -184,8 +184,9 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
 
     The channel joint_reading has splines through the raw readings. Velocities are the derivatives
     of the smoothed angles' splines: recorded velocities are often filtered, and loads need
-    accelerations. Commands are held until the next row. Position targets that are rounded to the
-    encoder's quantum are smoothed like the angles, between their events (`command_events`).
+    accelerations. Commands of a motion in progress are smoothed like the angles: held commands
+    would move the simulated motor in steps between the rows, which splines through its angles do
+    not show. Commands keep their events (`command_events`). Gains are never smoothed.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
@@ -199,8 +200,7 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
         noise, jerk_density = noise_and_jerk
         angles, _ = smoothed(angles, segments, log.period, noise, jerk_density)
         noise_on_grid = noise * math.sqrt(log.period / period)  # the same smoothing, see `smoothed`
-        if log.command_mode not in ("velocity", "torque"):  # the target is the angle in these
-            grid = _with_smooth_commands(grid, log, noise_on_grid, jerk_density)
+        grid = _with_smooth_commands(grid, log, noise_on_grid, jerk_density)
 
     pos = np.empty_like(grid.joint_pos)
     vel = np.empty_like(grid.joint_pos)
@@ -214,26 +214,42 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
-# A change of a target by more than this number of quanta is an event. A rounded target that moves
-# by less than a quantum per row changes by fewer.
-_QUANTA_PER_EVENT = 2.1
+# Rows of a motion in progress have changes of the command that differ by less than this share of
+# themselves from those of the neighbouring rows, in at least this number of successive rows.
+_SIMILAR = 0.5
+_MOTION_ROWS = 5
+# A target in encoder quanta that moves by less than a quantum per row changes by fewer than this.
+_ROUNDED_QUANTA = 2.1
 _DIGITS = 1e-6  # smaller differences are rounding of the numbers in a file [rad]
 
 
-def command_events(log: MotorLog) -> np.ndarray:
-    """(T, J) whether the position target changes at this row by more than rounding explains.
+def command_events(log: MotorLog, name: str) -> np.ndarray:
+    """(T, J) whether the sender changed a channel of COMMANDS at once, at this row.
 
-    Only a target in quanta of the joint's encoder, or in smaller ones, counts as rounded. Every
-    change of another target is an event.
+    Every change is an event unless it belongs to a motion in progress, or rounding explains it:
+    the position target is in quanta of the joint's encoder, or in smaller ones, and changes by at
+    most two.
     """
-    target_quanta = _quanta(log.position_target)
-    is_rounded = target_quanta < 1.5 * _quanta(log.joint_pos)
-    min_event = np.where(is_rounded, _QUANTA_PER_EVENT * target_quanta, 0.0)
+    from scipy.ndimage import binary_opening  # takes half a second
 
-    is_event = np.zeros(log.position_target.shape, bool)
+    command = channels(log)[name]
+    rounding = np.zeros(log.num_joints)
+    if name == "position_target":
+        quanta = _quanta(command)
+        rounding = np.where(quanta < 1.5 * _quanta(log.joint_pos), _ROUNDED_QUANTA * quanta, 0.0)
+
+    is_event = np.zeros(command.shape, bool)
     for segment in log.segment_slices():
-        change = np.diff(log.position_target[segment], axis=0)
-        is_event[segment][1:] = np.abs(change) > min_event
+        change = np.diff(command[segment], axis=0)
+        static = np.zeros_like(change[:1])
+        change_before = np.concatenate([static, change[:-1]])
+        change_after = np.concatenate([change[1:], static])
+        size = np.abs(change)
+        is_similar = (np.abs(change - change_before) < _SIMILAR * size) & (
+            np.abs(change - change_after) < _SIMILAR * size
+        )
+        is_motion = binary_opening(is_similar, np.ones((_MOTION_ROWS, 1), bool))
+        is_event[segment][1:] = (size > rounding) & ~is_motion
     return is_event
 
 
@@ -251,25 +267,28 @@ def _quanta(angles: np.ndarray) -> np.ndarray:
 def _with_smooth_commands(
     grid: MotorLog, log: MotorLog, noise: float, jerk_density: float
 ) -> MotorLog:
-    """The log on its grid with position targets that are smoothed between their events.
+    """The log on its grid with commands that are smoothed between their events.
 
     ``log`` is the recording. The noise [rad] and the jerk density are those of the angles on the
     grid.
     """
     from motorprior.logs.smoothing import smoothed
 
-    is_event = command_events(log)
-    commands = grid.position_target.copy()
-    for joint in range(grid.num_joints):
-        event_times = log.time[is_event[:, joint]]
-        pieces = []
-        for segment in grid.segment_slices():
-            pieces += _pieces_between(event_times, grid.time, segment, grid.period)
-        column = commands[:, joint, None]
-        smooth, _ = smoothed(column, tuple(pieces), grid.period, noise, jerk_density)
-        for piece in pieces:
-            commands[piece, joint] = smooth[piece, 0]
-    return replace(grid, position_target=commands)
+    values = {name: channels(grid)[name].copy() for name in COMMANDS if name in channels(grid)}
+    if log.command_mode in ("velocity", "torque"):
+        del values["position_target"]  # it is the angle
+    for name, commands in values.items():
+        is_event = command_events(log, name)
+        for joint in range(grid.num_joints):
+            event_times = log.time[is_event[:, joint]]
+            pieces = []
+            for segment in grid.segment_slices():
+                pieces += _pieces_between(event_times, grid.time, segment, grid.period)
+            column = commands[:, joint, None]
+            smooth, _ = smoothed(column, tuple(pieces), grid.period, noise, jerk_density)
+            for piece in pieces:
+                commands[piece, joint] = smooth[piece, 0]
+    return replace(grid, **values)
 
 
 def _pieces_between(
