@@ -98,15 +98,18 @@ def test_a_low_limit_that_all_siblings_exceed_is_off(decoder_data: Data):
 def test_a_limit_that_a_maker_states_stays_where_another_motor_has_none(decoder_data: Data):
     runs, outputs = noisy_logs(decoder_data, [60.0, 60.0])
     center = initial_center(())
-    stated = MotorModel("A", torque_limit=StatedValue(60.0, 0.1))
+    stated = MotorModel("A", torque_limit=StatedValue(8.0, 0.1))
     level = model_level((stated, MotorModel("B")), center, (), "", fixed_constants((), runs))
     assert level is not None
 
-    x = decided(runs, center, outputs - center, level.index, level=level)
+    x = outputs - center
+    x[:, LIMIT] = np.log(8.0) - center[LIMIT]
+
+    x = decided(runs, center, x, level.index, level=level)
 
     limits = np.exp(center[LIMIT] + x[:, LIMIT])
-    np.testing.assert_allclose(limits[0], 60.0)
-    assert limits[1] > 60.0
+    np.testing.assert_allclose(limits[0], 8.0)
+    assert limits[1] > 8.1
 
 
 @pytest.mark.parametrize("limit", [1.5, 60.0])
@@ -123,11 +126,11 @@ def test_without_a_no_load_speed_the_torque_limit_replaces_the_stall_torque(
     x = decided(runs, center, x, np.zeros(1, int), terms)
 
     fitted = dict(zip(names, np.exp(center + x[0]), strict=True))
-    assert fitted["stall_torque"] > 50.0
-    if limit < 50.0:
+    assert fitted["stall_torque"] > 20.0
+    if limit < 20.0:
         np.testing.assert_allclose(fitted["torque_limit"], limit, rtol=0.1)
     else:
-        assert fitted["torque_limit"] > 50.0
+        assert fitted["torque_limit"] > 20.0
 
 
 def decided(
