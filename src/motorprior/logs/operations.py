@@ -245,10 +245,9 @@ def command_events(log: MotorLog, name: str) -> np.ndarray:
         change_before = np.concatenate([static, change[:-1]])
         change_after = np.concatenate([change[1:], static])
         size = np.abs(change)
-        is_similar = (np.abs(change - change_before) < _SIMILAR * size) & (
-            np.abs(change - change_after) < _SIMILAR * size
-        )
-        is_motion = binary_opening(is_similar, np.ones((_MOTION_ROWS, 1), bool))
+        is_similar = np.abs(change - change_before) < _SIMILAR * size
+        is_similar &= np.abs(change - change_after) < _SIMILAR * size
+        is_motion: np.ndarray = np.asarray(binary_opening(is_similar, np.ones((_MOTION_ROWS, 1))))
         is_event[segment][1:] = (size > rounding) & ~is_motion
     return is_event
 
@@ -257,7 +256,7 @@ def _quanta(angles: np.ndarray) -> np.ndarray:
     """(J,) smallest differences between values of the columns (T, J) [rad]; 0 if one is static."""
     quanta = np.zeros(angles.shape[1])
     for joint, column in enumerate(angles.T):
-        differences = np.diff(np.unique(column))
+        differences: np.ndarray = np.diff(np.unique(column))
         differences = differences[differences > _DIGITS]
         if len(differences):
             quanta[joint] = differences.min()
