@@ -11,10 +11,12 @@ from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import (
     INERTIA,
+    KP,
     MEANS,
     POS,
     SECONDS,
     TARGET,
+    TEMPERATURE_RISE,
     VEL,
     subsampled,
     training_data,
@@ -156,6 +158,94 @@ def test_the_pieces_that_move_most_are_taken():
         assert moves[segment].mean() > 0.5, segment
 
 
+def with_conditions(data, channel, values):
+    """The data with one of ``values`` in each segment, in turn; motion grows with the value."""
+    series = data.series.copy()
+    for index, segment in enumerate(data.segments):
+        value = values[index % len(values)]
+        series[:, segment, channel] = value
+        series[:, segment, VEL] *= value
+    return replace(data, series=series)
+
+
+def chosen_rows(data, channel) -> dict[float, int]:
+    """Number of rows in the segments of the data by value of the channel."""
+    rows: dict[float, int] = {}
+    for segment in data.segments:
+        value = float(data.series[0, segment.start, channel])
+        rows[value] = rows.get(value, 0) + segment.stop - segment.start
+    return rows
+
+
+@pytest.mark.parametrize("channel", [KP, INERTIA, TEMPERATURE_RISE])
+@pytest.mark.parametrize("rows", [2000, 6000])
+def test_gains_loads_and_temperatures_give_equally_many_rows(channel, rows: int):
+    values = (4.0, 20.0, 60.0)
+    data = with_conditions(training_data(a_log([300] * 30), PRESET, "x"), channel, values)
+
+    chosen = chosen_rows(subsampled(data, PRESET, rows), channel)
+
+    assert sorted(chosen) == list(values)
+    assert max(chosen.values()) <= 1.2 * min(chosen.values())
+    assert 0.85 * rows <= sum(chosen.values()) <= rows
+
+
+def test_a_rare_gain_keeps_all_of_its_rows():
+    data = training_data(a_log([300] * 30), PRESET, "x")
+    data = with_conditions(data, KP, (*[10.0] * 29, 1.0))
+
+    # the remainder of a segment is shorter than a piece
+    assert chosen_rows(subsampled(data, PRESET, 3000), KP)[1.0] >= 200
+
+
+def test_more_gains_than_pieces_are_spread_over_the_gains():
+    gains = tuple(np.random.default_rng(0).permutation(40) + 1.0)
+    data = with_conditions(training_data(a_log([300] * 40), PRESET, "x"), KP, gains)
+
+    chosen = sorted(chosen_rows(subsampled(data, PRESET, 200), KP))
+
+    assert len(chosen) >= 5
+    assert chosen[0] <= 10.0
+    assert max(np.diff(chosen)) <= 2 * 40 / len(chosen)
+
+
+def test_loads_that_differ_in_every_segment_are_no_groups():
+    data = training_data(a_log([300] * 30, joints=6), PRESET, "x")
+    bench = data.series.copy()
+    rng = np.random.default_rng(0)
+    for segment in data.segments:
+        bench[:, segment, INERTIA] = np.exp(rng.uniform(-9.0, -3.0, (6, 1)))
+
+    with_loads = subsampled(replace(data, series=bench), PRESET, 2000)
+
+    assert with_loads.segments == subsampled(data, PRESET, 2000).segments
+
+
+@pytest.mark.parametrize(
+    ("lengths", "rows"),
+    [
+        ([3000] * 20 + [5000], 60_000),
+        ([3000] * 60 + [5000] * 2, 60_000),
+        ([501] * 90 + [10_000] * 4, 60_000),
+        ([2000] * 30 + [3000] * 30, 20_000),
+    ],
+)
+def test_segments_that_are_shorter_than_a_piece_are_chosen_too(lengths, rows: int):
+    log = a_log(lengths, joints=1)
+    recipe = with_window_that_fits(PRESETS["long_runs"], log)
+    data = training_data(log, recipe, "x")
+
+    chosen = subsampled(data, recipe, rows).segments
+
+    is_chosen = np.zeros(sum(lengths), dtype=bool)
+    for segment in chosen:
+        is_chosen[segment] = True
+    assert 0.85 * rows <= is_chosen.sum() <= 1.15 * rows
+    # of all parts of the log
+    shares = [part.mean() for part in np.array_split(is_chosen, 4)]
+    assert min(shares) >= 0.3 * max(shares)
+
+
 @pytest.mark.parametrize(
     ("lengths", "longest", "min_used"),
     [
@@ -171,7 +261,7 @@ def test_windows_are_as_long_as_the_segments_allow(lengths, longest: int, min_us
 
     assert recipe.window == longest
 
-    text = used_seconds_text(training_data(log, recipe, "log"), recipe)
+    text = used_seconds_text(training_data(log, recipe, "log"), recipe, log)
     used, total = (float(word) for word in text.split() if word[0].isdigit())
 
     assert used >= min_used * total
@@ -183,3 +273,24 @@ def test_segments_shorter_than_the_shortest_window_are_refused():
 
     with pytest.raises(LogError, match="longest segment has 100 rows"):
         training_data(log, recipe, "log")
+
+
+def test_the_used_seconds_are_those_of_the_whole_log_and_unused_runs_are_named():
+    log = replace(a_log([3000] * 3 + [300], joints=1), source="a; b; c; d")
+    recipe = with_window_that_fits(PRESETS["long_runs"], log)
+    data = training_data(log, recipe, "log")
+    moving = with_conditions(data, VEL, (3.0, 1.0, 2.0))
+
+    text = used_seconds_text(subsampled(moving, recipe, 2500), recipe, log)
+
+    used, total = (float(word) for word in text.split(";")[0].split() if word[0].isdigit())
+    assert total == pytest.approx(0.002 * log.num_rows, abs=0.05)
+    assert used < total * 2 / 3
+    assert text.endswith("shorter than 1.08 s, not used: d; not used, since others move more: b")
+
+
+def test_runs_of_a_log_with_several_runs_are_named_by_number():
+    log = a_log([3000, 100], joints=1)
+    recipe = with_window_that_fits(PRESETS["long_runs"], log)
+
+    assert "not used: segment 2" in used_seconds_text(training_data(log, recipe, "x"), recipe, log)

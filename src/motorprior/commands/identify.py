@@ -14,7 +14,7 @@ from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.priors.fit_prior import fit_recipe, provenance_of
+from motorprior.priors.fit_prior import fit_recipe, provenance_of, warn_about_cut_logs
 from motorprior.progress import SILENT, Progress
 
 
@@ -49,7 +49,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
     """
     require_seed(config.seed)
     recipe = identification_preset(config.preset, config.steps)
-    log, provenance = training_log(config.logs)
+    log, provenance = training_log(config.logs, progress)
     if not config.torque:
         log = replace(log, joint_torque=None)
     return fit_recipe(
@@ -64,7 +64,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
     )
 
 
-def training_log(paths: Sequence[Path]) -> tuple[MotorLog, dict[str, Any]]:
+def training_log(paths: Sequence[Path], progress: Progress) -> tuple[MotorLog, dict[str, Any]]:
     """The log of a bench's folder, or all logs as one, and its provenance.
 
     The source of the log are its files.
@@ -88,6 +88,7 @@ def training_log(paths: Sequence[Path]) -> tuple[MotorLog, dict[str, Any]]:
 
     logs = [read_parquet(path) for path in paths]
     log = joined(logs)
+    warn_about_cut_logs(logs, log, progress)
     if log.robot == BENCH:
         raise LogError(
             f"the log of a bench without its {BENCH_JSON}",

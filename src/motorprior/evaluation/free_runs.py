@@ -18,7 +18,7 @@ from motorprior.identification.physics.window_runs import (
     whole_runs,
 )
 from motorprior.identification.presets import Recipe
-from motorprior.identification.windows import POS, SECONDS, TARGET, training_data
+from motorprior.identification.windows import MIN_WINDOW, POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import excited_joints
 from motorprior.results import Result, Results
@@ -40,9 +40,12 @@ MotorModel: TypeAlias = TorqueMotors | ResponseMotors
 def free_runs(log: MotorLog, recipe: Recipe) -> dict[str, list[WindowRuns]]:
     """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN).
 
+    If all segments are shorter, the first are as long as the longest segment after its warm-up.
     Raises errors as `training_data`.
     """
-    window = round(DURATION / recipe.period)
+    max_rows = max(segment.stop - segment.start for segment in log.segment_slices())
+    longest_run = max(MIN_WINDOW, max_rows - recipe.history - 1)
+    window = min(round(DURATION / recipe.period), longest_run)
     recipe_with_unit = window_runs.with_gain_unit_of(recipe, log)
     short_recipe = replace(recipe_with_unit, objective="rollout", window=window)
     short_runs = WindowRuns(training_data(log, short_recipe, log.source), short_recipe)

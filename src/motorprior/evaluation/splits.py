@@ -12,7 +12,8 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import EXCITED_STD, excited_joints, joined
 
 MAX_LOGS = 16  # of more logs, this many are used, evenly spread over the list
-MIN_SEGMENT = 1.5  # a free run of 1 s and its warm-up [s]; shorter segments are left out
+MIN_SEGMENT = 0.5  # a warm-up and a short free run [s]; shorter segments are left out
+MIN_CHUNK = 1.5  # a warm-up and a free run of 1 s [s]; segments are not cut into shorter chunks
 MIN_SECONDS = 2.0  # minimum duration of a log [s]
 CHUNK = 2.5  # duration of chunks that alternate between training and test [s]
 
@@ -197,11 +198,14 @@ def _chunks(
 
 
 def _cut(log: MotorLog) -> list[MotorLog]:
-    """Chunks of about CHUNK, at least two of a segment that is long enough."""
+    """Chunks of about CHUNK, at least two of a segment that is long enough.
+
+    A segment that is shorter than two chunks of MIN_CHUNK is one chunk.
+    """
     chunks = []
     for segment in log.segment_slices():
         seconds = float(log.time[segment.stop - 1] - log.time[segment.start])
-        possible = int(seconds / MIN_SEGMENT)
+        possible = int(seconds / MIN_CHUNK)
         count = max(int(seconds / CHUNK), min(2, possible), 1)
         edges = np.linspace(segment.start, segment.stop, count + 1)
         edges = edges.round().astype(int)
@@ -217,7 +221,8 @@ def _evenly_spaced(chunks: Sequence[tuple[str, MotorLog]], seconds: float) -> di
 
     Each joint moves in at least one chunk.
     """
-    count = min(len(chunks), max(1, round(seconds / CHUNK)))
+    mean_duration = float(np.mean([chunk.duration for _, chunk in chunks]))
+    count = min(len(chunks), max(1, round(seconds / mean_duration)))
     places = np.linspace(0, len(chunks) - 1, count)
     taken = {round(place) for place in places}
 

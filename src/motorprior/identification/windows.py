@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import LogError, listed
 from motorprior.identification.presets import Recipe
 from motorprior.logs.command_modes import gain_factors
 from motorprior.logs.motor_log import MotorLog, other_firmware
@@ -77,6 +77,9 @@ VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
 MIN_WINDOW = 64  # minimum number of steps of a window that is shortened for the segments of a log
 MIN_USED = 0.9  # share of the usable rows that windows of the chosen length must use
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
+# Segments whose values differ by half of these from the median segment count as alike.
+LOAD_STEP = 0.7  # of the logarithm of the load inertia
+CONDITION_STEPS = (0.05, 10.0)  # of the supply voltage over the nominal one, and temperature [K]
 # rows per motor and least number of windows of `spread_windows`
 SPREAD_ROWS = 2500
 MIN_SPREAD_WINDOWS = 8
@@ -107,18 +110,9 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
             remedy="use a preset of grey boxes, such as rollout or quick; networks learn position "
             "commands at constant gains only",
         )
-    series = _stacked(log, recipe, where)
     segments = tuple(log.segment_slices())
-    if is_rollout:
-        # a velocity at t becomes the velocity at t - dt/2; a mean torque from t to t + dt becomes a
-        # mean centred on t
-        row_before = series.copy()
-        for segment in segments:
-            row_before[segment.start + 1 : segment.stop] = series[segment.start : segment.stop - 1]
-        series[..., MEANS] = 0.5 * (series + row_before)[..., MEANS]
-
     return TrainingData(
-        series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
+        series=_stacked(log, recipe, where),
         starts=window_starts(segments, recipe, where),
         segments=segments,
         scales=_scales(log, where),
@@ -135,7 +129,7 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
 
 
 def _stacked(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
-    """(R, M, CHANNELS) channels of the log, and FRAME_CHANNELS; a missing channel is 0."""
+    """(M, R, CHANNELS) channels of the log, and FRAME_CHANNELS; a missing channel is 0."""
 
     def gains_of(segment: MotorLog) -> np.ndarray:
         return _gains(segment, recipe, where)
@@ -143,15 +137,18 @@ def _stacked(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
     def operating_conditions_of(segment: MotorLog) -> np.ndarray:
         return relative_operating_conditions(segment, recipe.nominal_conditions)
 
-    seconds = np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
+    # the external torque is that at angle 0; the simulation adds stiffness times its own angle
+    external = log.external_torque
+    if log.external_torque is not None and log.load_stiffness is not None:
+        external = log.external_torque - log.load_stiffness * log.joint_pos
     channels = (
         log.position_target,
         log.joint_pos,
         log.joint_vel,
         log.joint_torque,
-        log.external_torque,
+        external,
         log.load_inertia,
-        seconds,
+        np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape),
         *_by_segment(log, gains_of),
         *_by_segment(log, operating_conditions_of),
         log.load_stiffness,
@@ -164,13 +161,30 @@ def _stacked(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
             log.torque_feedforward,
             *np.concatenate(factors, axis=1),
         )
-    missing = np.zeros_like(log.joint_pos)
-    present = [missing if channel is None else channel for channel in channels]
-    series = np.stack(present, axis=-1)
 
-    # the external torque is that at angle 0; the simulation adds stiffness times its own angle
-    series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
+    # one channel at a time: an hour of twelve joints has gigabytes
+    series = np.zeros((log.num_joints, log.num_rows, len(channels)), dtype=np.float32)
+    for index, values in enumerate(channels):
+        if values is None:
+            continue
+        if recipe.objective == "rollout" and index in MEANS:
+            values = _means_with_row_before(values, log.segment_slices())
+        series[..., index] = values.T
     return series
+
+
+def _means_with_row_before(values: np.ndarray, segments: Sequence[slice]) -> np.ndarray:
+    """(R, M) means of the values of each row and of the row before it in its segment.
+
+    A velocity at t becomes the velocity at t - dt/2; a mean torque from t to t + dt becomes a mean
+    centred on t.
+    """
+    means = values.copy()
+    for segment in segments:
+        first = segment.start
+        later = slice(first + 1, segment.stop)
+        means[later] = 0.5 * (values[later] + values[first : segment.stop - 1])
+    return means
 
 
 def _velocity_steps(log: MotorLog) -> int:
@@ -216,10 +230,11 @@ def with_window_that_fits(recipe: Recipe, log: MotorLog) -> Recipe:
 
 
 def _by_segment(log: MotorLog, values: Callable[[MotorLog], np.ndarray]) -> np.ndarray:
-    """(2, R, M) ``values`` (2, M) of each segment, repeated for all its rows."""
+    """(2, R, M) float32 ``values`` (2, M) of each segment, repeated for all its rows."""
     rows = []
     for segment in log.segments():
-        rows.append(np.repeat(values(segment)[:, None], segment.num_rows, axis=1))
+        of_segment = values(segment).astype(np.float32)
+        rows.append(np.repeat(of_segment[:, None], segment.num_rows, axis=1))
     return np.concatenate(rows, axis=1)
 
 
@@ -358,31 +373,143 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
 def subsampled(data: TrainingData, recipe: Recipe, rows: int) -> TrainingData:
     """About ``rows`` rows of the data, in pieces of two to eight windows.
 
-    The pieces are divided into equal sequences. The piece with the most motion is taken from each.
-    Motion is the sum over the motors of the rms velocity in the piece over the rms velocity in all
-    pieces. Data with no more rows are returned as they are.
+    Segments are cut into pieces; a segment that is shorter than a piece is one piece. At several
+    gains, the pieces are short enough to take two of each segment. Each gain gives equally many
+    rows, or all that it has, and so do the groups of each gain (`_groups`). The pieces of a group
+    are divided, in time, into sequences with equal numbers of pieces. The piece with the most
+    motion is taken from each. Motion is the sum over the motors of the rms velocity in the piece
+    over the rms velocity in all pieces.
+
+    Data with no more rows are returned as they are.
     """
     total_rows = sum(segment.stop - segment.start for segment in data.segments)
     if total_rows <= rows:
         return data
 
-    windows = max(2, min(8, (rows // 8 - recipe.history) // recipe.window))
+    starts = [segment.start for segment in data.segments]
+    gain = _distinct(data.series[:, starts][..., [KP, KD]].transpose(1, 0, 2))
+    min_pieces = max(8, 2 * len(starts)) if gain.any() else 8
+    windows = max(2, min(8, (rows // min_pieces - recipe.history) // recipe.window))
     length = recipe.history + windows * recipe.window + 1
+    shortest = recipe.history + recipe.window + 1
     pieces = []
-    for segment in data.segments:
-        for first in range(segment.start, segment.stop - length + 1, length):
-            pieces.append(slice(first, first + length))
-    # no segment is long enough: the segments are the pieces
-    pieces = pieces or list(data.segments)
+    of_segment = []
+    for index, segment in enumerate(data.segments):
+        piece_rows = min(length, segment.stop - segment.start)
+        if piece_rows < shortest:
+            continue
+        for first in range(segment.start, segment.stop - piece_rows + 1, piece_rows):
+            pieces.append(slice(first, first + piece_rows))
+            of_segment.append(index)
 
-    piece_rows = pieces[0].stop - pieces[0].start
-    count = max(2, min(len(pieces), rows // piece_rows))
     speeds = np.array([rms(data.series[:, piece, VEL], axis=1) for piece in pieces])
     motion = np.sum(speeds / np.maximum(rms(speeds, axis=0), 1e-9), axis=1)
+
+    num_rows = np.array([piece.stop - piece.start for piece in pieces])
+    rows = max(rows, 2 * int(num_rows.max()))
+    max_groups = int(rows // num_rows.mean())
     kept = []
-    for sequence in np.array_split(np.arange(len(pieces)), count):
-        kept.append(int(sequence[motion[sequence].argmax()]))
-    return replace(data, segments=tuple(pieces[index] for index in kept))
+    left = 0  # rows of the quotas so far that are less than a piece
+    for group, quota in _quotas(
+        _groups(data, gain, np.array(of_segment), max_groups), num_rows, rows
+    ):
+        group_rows = int(num_rows[group].sum())
+        count = min(len(group), max(1, len(group) * (quota + left) // group_rows))
+        left += quota - count * group_rows // len(group)
+        for sequence in np.array_split(group, count):
+            kept.append(int(sequence[motion[sequence].argmax()]))
+    return replace(data, segments=tuple(pieces[index] for index in sorted(kept)))
+
+
+def _groups(
+    data: TrainingData, gain: np.ndarray, of_segment: np.ndarray, max_groups: int
+) -> list[list[np.ndarray]]:
+    """Indices of the pieces of segments ``of_segment`` (P,), by gain and group.
+
+    The groups of a gain have one load and one range of operating conditions each. Loads are ignored
+    if the groups were more than ``max_groups`` or half of the segments, as on a bench with another
+    load in every segment; operating conditions likewise. More than ``max_groups`` gains count as
+    one, whose pieces are in order of their gains. ``gain`` (S,) is the index of the gains of each
+    segment.
+    """
+    order = np.argsort(gain[of_segment], kind="stable")
+    segment = of_segment[order]
+    if len(np.unique(gain[segment])) > max_groups:
+        gain = np.zeros_like(gain)
+
+    group = gain
+    max_groups = min(max_groups, len(group) // 2)
+    for key in (_distinct(_constant_loads(data)), _distinct(_condition_ranges(data))):
+        finer = _distinct(np.column_stack([group, key]))
+        if len(np.unique(finer[segment])) <= max_groups:
+            group = finer
+
+    groups = []
+    for one_gain in np.unique(gain[segment]):
+        of_gain = np.unique(group[segment][gain[segment] == one_gain])
+        groups.append([order[group[segment] == index] for index in of_gain])
+    return groups
+
+
+def _quotas(
+    groups: Sequence[Sequence[np.ndarray]], num_rows: np.ndarray, rows: int
+) -> list[tuple[np.ndarray, int]]:
+    """The groups of all gains, and how many of ``rows`` rows each of them gives.
+
+    ``num_rows`` are those of the pieces, whose indices ``groups`` holds by gain.
+    """
+    by_gain = [[int(num_rows[group].sum()) for group in of_gain] for of_gain in groups]
+    quotas = []
+    gain_quotas = _equal_quotas([sum(available) for available in by_gain], rows)
+    for of_gain, available, gain_quota in zip(groups, by_gain, gain_quotas, strict=True):
+        quotas += zip(of_gain, _equal_quotas(available, gain_quota), strict=True)
+    return quotas
+
+
+def _distinct(values: np.ndarray) -> np.ndarray:
+    """(S,) index of the values (S, …) of each segment among the distinct ones."""
+    rows = values.reshape(len(values), -1)
+    return np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+
+
+def _constant_loads(data: TrainingData) -> np.ndarray:
+    """(S, M) load inertia of each segment relative to the median segment, in steps of LOAD_STEP.
+
+    It is 0 for a motor whose inertia depends on the pose, so that it varies within a segment.
+    """
+    loads = np.zeros((len(data.segments), len(data.series)))
+    is_constant = np.ones(len(data.series), dtype=bool)
+    for index, segment in enumerate(data.segments):
+        inertia = data.series[:, segment, INERTIA]
+        mean = np.maximum(inertia.mean(axis=1), 1e-9)
+        loads[index] = np.log(mean)
+        is_constant &= np.ptp(inertia, axis=1) <= 0.01 * mean
+    steps = np.round((loads - np.median(loads, axis=0)) / LOAD_STEP)
+    return np.where(is_constant, steps, 0.0)
+
+
+def _condition_ranges(data: TrainingData) -> np.ndarray:
+    """(S, 2) supply voltage and temperature of each segment, means over the motors.
+
+    They are relative to the median segment, in steps of CONDITION_STEPS.
+    """
+    starts = [segment.start for segment in data.segments]
+    conditions = data.series[:, starts][..., [SUPPLY, TEMPERATURE_RISE]].mean(axis=0)
+    return np.round((conditions - np.median(conditions, axis=0)) / CONDITION_STEPS)
+
+
+def _equal_quotas(available: Sequence[int], total: int) -> list[int]:
+    """Equal quotas that add up to at most ``total``.
+
+    What a group with less available leaves, the others share.
+    """
+    quotas = [0] * len(available)
+    left = total
+    by_size = sorted(range(len(available)), key=lambda group: available[group])
+    for place, group in enumerate(by_size):
+        quotas[group] = min(available[group], left // (len(available) - place))
+        left -= quotas[group]
+    return quotas
 
 
 def spread_windows(
@@ -404,22 +531,42 @@ def spread_windows(
     return replace(data, segments=tuple(pieces[index] for index in kept))
 
 
-def used_seconds_text(data: TrainingData, recipe: Recipe) -> str:
-    """Text with the seconds of log that lie in windows.
+def used_seconds_text(data: TrainingData, recipe: Recipe, log: MotorLog) -> str:
+    """Text with the seconds of ``log`` that lie in windows of ``data``, and the segments without.
 
-    Warm-ups, and remainders that are shorter than a window, are not used.
+    Warm-ups, and remainders that are shorter than a window, are not used. A segment has the name of
+    its file if each file is one segment, and otherwise its number.
     """
     # windows of grey boxes lie end to end
     step = recipe.window if recipe.grey_boxes else 1
-    total_rows = 0
     used_rows = 0
+    is_used = np.zeros(log.num_rows, dtype=bool)
     for segment in data.segments:
         rows = segment.stop - segment.start
-        total_rows += rows
         free_rows = rows - recipe.history - (recipe.objective == "rollout")
         if free_rows >= recipe.window:
             used_rows += free_rows // step * step
+            is_used[segment] = True
+
+    segments = log.segment_slices()
+    names = log.source.split("; ")
+    if len(names) != len(segments):
+        names = [f"segment {number}" for number in range(1, len(segments) + 1)]
+    shortest = recipe.history + recipe.window + (recipe.objective == "rollout")
+    too_short = []
+    not_chosen = []
+    for name, segment in zip(names, segments, strict=True):
+        if segment.stop - segment.start < shortest:
+            too_short.append(name)
+        elif not is_used[segment].any():
+            not_chosen.append(name)
 
     used = used_rows * recipe.period
-    total = total_rows * recipe.period
-    return f"fitted to {used:.1f} s of {total:.1f} s of log"
+    total = log.num_rows * recipe.period
+    text = f"fitted to {used:.1f} s of {total:.1f} s of log"
+    if too_short:
+        shortest_seconds = shortest * recipe.period
+        text += f"; shorter than {shortest_seconds:.2f} s, not used: {listed(too_short, 3)}"
+    if not_chosen:
+        text += f"; not used, since others move more: {listed(not_chosen, 3)}"
+    return text

@@ -17,11 +17,16 @@ from motorprior.evaluation.training_errors import residual_scale, windows_per_bl
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import Recipe, recipe_of
-from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
+from motorprior.identification.windows import (
+    TrainingData,
+    subsampled,
+    training_data,
+    with_window_that_fits,
+)
 from motorprior.logs.command_modes import unmeasured_scales
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
-from motorprior.priors.fit_prior import trained_on
+from motorprior.priors.fit_prior import MAX_ROWS, trained_on
 from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import PYTHON_WARNINGS, SILENT, Progress
 
@@ -57,7 +62,7 @@ def adapt(
     Args:
         prior: of motors of this kind.
         log: with load_inertia and external_torque, at the prior's sample period; a few seconds are
-            enough.
+            enough, and of a long log two minutes per motor are used, as in `fit_prior`.
         allow_outliers: whether to adapt even if motors are outliers of the prior.
         progress: receives the motors' errors on the log, and notes on weak and static motors; by
             default warnings are Python warnings.
@@ -213,6 +218,8 @@ def _recipe_data_and_losses(
     """Recipe and data of an adaptation, and the losses of the training motors on such data."""
     recipe = with_window_that_fits(recipe_of(prior), log)
     data = training_data(log, recipe, log.source)
+    if recipe.grey_boxes:
+        data = subsampled(data, recipe, MAX_ROWS)
 
     # A prior that was trained without torques uses positions only, even if the log has torques.
     was_torque_used = (

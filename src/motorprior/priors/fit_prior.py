@@ -112,9 +112,22 @@ def fit_prior(
     recipe = identification_preset(preset, steps)
     checked_logs = [checked(log) for log in motor_logs(logs)]
     log = joined(checked_logs)
+    warn_about_cut_logs(checked_logs, log, progress)
     provenance = provenance_of(checked_logs, log=log.source)
     folder = None if out is None else Path(out)
     return fit_recipe(log, preset, recipe, seed, folder, progress, provenance, explains=True)
+
+
+def warn_about_cut_logs(logs: Sequence[MotorLog], joined_log: MotorLog, progress: Progress) -> None:
+    """Warn if logs of different motors were cut to the shortest of them when they were joined."""
+    longest = max(logs, key=lambda log: log.num_rows)
+    shortest = min(logs, key=lambda log: log.num_rows)
+    if joined_log.num_rows < longest.num_rows:
+        progress.warn(
+            f"logs of different motors are cut to the shortest: {shortest.duration:.1f} s "
+            f"({shortest.source}) of up to {longest.duration:.1f} s ({longest.source}) -> record "
+            "the motors equally long, or leave out the shortest log"
+        )
 
 
 def fit_recipe(
@@ -333,7 +346,7 @@ def _report_data(log: MotorLog, recipe: Recipe, data: TrainingData, progress: Pr
             f"{motors} cannot define a distribution: the prior reproduces these motors, but the "
             f"standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} or more)"
         )
-    progress.note(used_seconds_text(data, recipe))
+    progress.note(used_seconds_text(data, recipe, log))
     for note in notes_on_log(log, recipe):
         progress.report(note)
 

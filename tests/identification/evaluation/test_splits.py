@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from motor_logs import log_of
 
-from motorprior.evaluation.splits import excited_in_any, split, window
+from motorprior.evaluation.splits import alternating_chunks, excited_in_any, split, window
 from motorprior.logs.motor_log import MotorLog
 
 
@@ -66,3 +66,26 @@ def test_joints_that_move_one_after_the_other_move_in_training_and_test_rows():
     test_angles = set(halves.test["a"].joint_pos[:, 2])
     assert train_angles & test_angles <= {0.0}
     assert "alternating" in halves.rule
+
+
+def rollouts(count: int) -> MotorLog:
+    """Rollouts of 1 s of two moving joints, each a segment of a log at 100 Hz."""
+    log = waves((0.0, 1.0 * count), (0.0, 1.0 * count), seconds=1.0 * count)
+    return log_of(
+        log.time, log.position_target, log.joint_pos, segment=np.arange(log.num_rows) // 100
+    )
+
+
+def test_short_rollouts_are_split_by_whole_rollouts():
+    train, test = alternating_chunks(rollouts(20), 8.0)
+
+    assert [log.num_rows for log in (*train.segments(), *test.segments())] == [100] * 16
+    times = {*train.time[::100].round(2), *test.time[::100].round(2)}
+    assert len(times) == 16  # of 16 rollouts
+
+
+def test_rollouts_are_split_into_halves():
+    halves = split({"a": rollouts(20)}, 100.0, 100.0)
+
+    assert "half" in halves.rule
+    assert halves.train["a"].num_rows + halves.test["a"].num_rows >= 1900
