@@ -42,7 +42,7 @@ class SimulatedMotors(NamedTuple):
     condition: str  # name in a study
     prior: MotorPrior | None  # prior that the motors are samples of
     files: list[Path]  # files that the motors depend on
-    nominal: IdealPd  # PD with the gains of `pd_motors.nominal_gains`
+    nominal: IdealPd | None  # PD of `pd_motors.nominal_gains`; None for an arm without gains
 
 
 def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
@@ -70,7 +70,7 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
         condition=episode_motors.condition,
         prior=episode_motors.prior,
         files=[Path(options[name]) for name in registry.file_options(options)],
-        nominal=nominal_gains(robot, fleet),
+        nominal=None if robot.gains is None else nominal_gains(robot, fleet),
     )
 
 

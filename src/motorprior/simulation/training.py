@@ -396,6 +396,7 @@ class Training:
             ROBOT_WEIGHT: self.robot.weight,
         }
         nominal = self.motors.nominal
+        assert nominal is not None, "robots with legs have gains"
         return Policy.of(
             self.robot, search.best, nominal.kp, nominal.kd, **(settings | result | provenance)
         )
