@@ -63,6 +63,7 @@ def mit_log(**fields: object) -> MotorLog:
         (COMMANDS + GAINS, 0.0, 0.0, "torque"),
         ('velocity_target = "speed"\n', 40.0, 1.0, "velocity"),
         ('torque_feedforward = "tau"\n', 40.0, 1.0, "torque"),
+        ('torque_feedforward = "tau"\n' + GAINS, 0.0, 0.3, "velocity"),
     ],
 )
 def test_the_columns_of_a_map_and_gains_of_zero_give_the_command_mode(
@@ -84,6 +85,26 @@ def test_gains_of_every_row_are_read_from_columns(tmp_path: Path):
     assert log.logged_kp is not None
     np.testing.assert_allclose(log.logged_kp[:, 0], ramp)
     np.testing.assert_allclose(gain_factors(log)[0, :, 0], ramp / 40.0)
+
+
+def test_a_damped_torque_command_keeps_its_kd_and_has_a_velocity_target_of_zero(tmp_path: Path):
+    columns = map_of(tmp_path, HEAD + 'torque_feedforward = "tau"\n' + GAINS + JOINT)
+
+    log = mp.read_log(table(tmp_path, 0.0, 0.3), columns=columns)
+
+    assert log.logged_kd is not None
+    np.testing.assert_array_equal(log.logged_kd, 0.3)
+    np.testing.assert_array_equal(log.velocity_target, 0.0)
+    assert np.any(log.torque_feedforward)
+
+
+def test_a_position_gain_without_a_position_target_is_refused(tmp_path: Path):
+    columns = map_of(tmp_path, HEAD + 'torque_feedforward = "tau"\n' + GAINS + JOINT)
+
+    with pytest.raises(LogError, match="kp is 40, and no angle is commanded") as refused:
+        mp.read_log(table(tmp_path, 40.0), columns=columns)
+
+    assert "position_target" in str(refused.value.remedy)
 
 
 def test_gains_of_the_map_that_contradict_the_file_are_a_warning_with_both(tmp_path: Path):

@@ -127,7 +127,7 @@ def _set_commands(values: dict[str, Any], joints: tuple[MappedJoint, ...], path:
 
     Gains of the file's columns count more than the numbers of the map. Gains of 0 in every row
     stand for velocity or torque commands, and are left out. So are velocity targets and torques
-    that are 0 in every row.
+    that are 0 in every row. kd without a velocity target acts against the velocity.
     """
     angle = values["joint_pos"]
     for name in GAINS:
@@ -146,26 +146,38 @@ def _set_commands(values: dict[str, Any], joints: tuple[MappedJoint, ...], path:
     if kd is not None and "velocity_target" in values:
         values["velocity_target"] = np.where(kd == 0.0, 0.0, values["velocity_target"])
 
-    has_no_kp = "position_target" not in values or (kp is not None and not np.any(kp))
-    if not has_no_kp:
+    uses_kp = kp is None or bool(np.any(kp))
+    if "position_target" in values and uses_kp:
         for name in ("velocity_target", "torque_feedforward"):
             if name in values and not np.any(values[name]):
                 del values[name]  # it was never used
         is_position = "velocity_target" not in values and "torque_feedforward" not in values
         values["command_mode"] = "position" if is_position else "mit"
         return
+    if kp is not None and uses_kp:
+        raise LogError(
+            f"kp is {kp.max():.4g}, and no angle is commanded",
+            where=path,
+            remedy="give the column of the commanded angle as position_target, or leave kp out",
+        )
 
-    has_no_kd = "velocity_target" not in values or (kd is not None and not np.any(kd))
-    if has_no_kd and "torque_feedforward" not in values:
+    uses_kd = kd is not None and bool(np.any(kd))
+    if kd is None:
+        uses_kd = "velocity_target" in values
+    if not uses_kd and "torque_feedforward" not in values:
         raise LogError(
             "kp and kd are 0 in every row, and no torque is commanded",
             where=path,
             remedy="give the column of the commanded torque as torque_feedforward",
         )
-    values["command_mode"] = "torque" if has_no_kd else "velocity"
     values["position_target"] = angle
     values.pop("logged_kp", None)
-    if has_no_kd:
+    if uses_kd:
+        values["command_mode"] = "velocity"
+        # a drive with kd and without a velocity target brakes to rest
+        values.setdefault("velocity_target", np.zeros_like(angle))
+    else:
+        values["command_mode"] = "torque"
         values.pop("velocity_target", None)
         values.pop("logged_kd", None)
 
