@@ -34,8 +34,19 @@ def mean_command(
 
     Commands (T, J) are held from their ``time`` (T,) until the next one.
     """
-    edges = np.append(grid, grid[-1] + period)
-    row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
+    return mean_between(time, command, np.append(grid, grid[-1] + period), period)
+
+
+def mean_between(
+    time: np.ndarray, command: np.ndarray, edges: np.ndarray, durations: np.ndarray | float
+) -> np.ndarray:
+    """(G, J) mean command between successive ``edges`` (G + 1,), which are ``durations`` apart.
+
+    Commands (T, J) are held from their ``time`` (T,) until the next one; the first precedes all
+    edges. The durations (G,) may be one number.
+    """
+    tolerance = 1e-6 * float(np.min(durations))
+    row = np.searchsorted(time, edges + tolerance, side="right") - 1
 
     # integral of the command from the first time to each edge
     steps = command[:-1] * np.diff(time)[:, None]
@@ -43,6 +54,7 @@ def mean_command(
     area = area_at_rows[row] + command[row] * (edges - time[row])[:, None]
 
     # a command that is in force all the time is exact, without the rounding of the integral
-    row_at_end = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1
+    row_at_end = np.searchsorted(time, edges[1:] - tolerance, side="right") - 1
     is_constant = (row[:-1] == row_at_end)[:, None]
-    return np.where(is_constant, command[row[:-1]], np.diff(area, axis=0) / period)
+    mean = np.diff(area, axis=0) / np.reshape(durations, (-1, 1))
+    return np.where(is_constant, command[row[:-1]], mean)

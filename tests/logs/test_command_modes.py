@@ -9,7 +9,8 @@ from motor_logs import log_of
 
 import motorprior as mp
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.command_modes import gain_factors
+from motorprior.logs.command_modes import commands_angles, gain_factors, unmeasured_scales
+from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog, checked, settings_text
 from motorprior.logs.operations import joined, resample
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
@@ -171,6 +172,19 @@ def test_gains_of_a_file_that_its_map_ignores_are_a_warning(tmp_path: Path):
         mp.load_log(table_path, columns=columns)
 
 
+@pytest.mark.parametrize("shape", [(), (1,)])
+def test_a_gain_of_an_array_may_be_one_number(tmp_path: Path, shape: tuple[int, ...]):
+    path = tmp_path / "run.npz"
+    motion = np.sin(5.0 * TIME)
+    kp = np.full(shape, 40.0)
+    np.savez(path, t=TIME, goal=motion, pos=motion - 0.01, p=kp, d=np.full(shape, 2.0))
+    text = HEAD + 'position_target = "goal"\n' + GAINS + JOINT
+
+    log = mp.read_log(path, columns=map_of(tmp_path, text))
+
+    np.testing.assert_array_equal(log.gains, [[40.0], [2.0]])
+
+
 def test_a_map_without_any_command_is_refused(tmp_path: Path):
     with pytest.raises(ArtifactError, match="no command") as refused:
         mp.read_log(table(tmp_path), columns=map_of(tmp_path, HEAD + JOINT))
@@ -185,7 +199,6 @@ def test_a_map_without_any_command_is_refused(tmp_path: Path):
         ({"command_mode": "velocity"}, "logged_kp"),
         ({"command_mode": "torque"}, "velocity_target"),
         ({"command_mode": "current"}, "current"),
-        ({"logged_kp": np.zeros((ROWS, 1))}, "logged_kp/a"),
     ],
 )
 def test_channels_that_do_not_fit_the_command_mode_are_refused(
@@ -218,10 +231,72 @@ def test_on_a_grid_gains_are_held_and_commands_are_means():
     assert grid.torque_feedforward[2, 0] == pytest.approx(0.6)
 
 
-def test_logs_of_different_command_modes_are_not_joined():
+def test_logs_of_all_modes_are_joined_at_the_gains_of_their_rows():
+    shape = (ROWS, 1)
+    stated = {"logged_kp": np.full(shape, 40.0), "logged_kd": np.ones(shape)}
+    none = dict.fromkeys(("velocity_target", "torque_feedforward", "logged_kp", "logged_kd"))
+    torque = {"command_mode": "torque", "torque_feedforward": np.ones(shape)}
+    speed = {"command_mode": "velocity", "velocity_target": np.ones(shape)}
+    logs = [
+        mit_log(),
+        mit_log(velocity_target=None),
+        mit_log(**none | stated | {"command_mode": "position"}),
+        mit_log(**none | torque),
+        mit_log(**none | speed | {"logged_kd": np.full(shape, 3.0)}),
+    ]
+
+    whole = joined(logs)
+
+    factors = np.array([gain_factors(segment)[:, -1, 0] for segment in whole.segments()])
+    assert whole.command_mode == "mit"
+    np.testing.assert_array_equal(factors, [[1, 1], [1, 1], [1, 1], [0, 0], [0, 1]])
+    np.testing.assert_array_equal(whole.gains, [[40.0], [1.0]])
+    assert whole.velocity_target is not None
+    assert not whole.velocity_target[ROWS : 4 * ROWS].any()
+
+
+def test_logs_in_mit_mode_measure_the_scale_of_the_velocity_gain():
+    assert unmeasured_scales("torque", "mit") == "position gains and velocity gains"
+    assert not unmeasured_scales("mit", "velocity")
+
+
+def test_torque_and_velocity_commands_are_joined_as_velocity_commands():
+    none = dict.fromkeys(("velocity_target", "torque_feedforward", "logged_kp", "logged_kd"))
+    column = np.ones((ROWS, 1))
+    torque = mit_log(**none | {"command_mode": "torque", "torque_feedforward": column})
+    speed = {"command_mode": "velocity", "velocity_target": column, "logged_kd": column}
+
+    whole = joined([torque, mit_log(**none | speed)])
+
+    assert whole.command_mode == "velocity"
+    assert [gain_factors(part)[1, 0, 0] for part in whole.segments()] == [0.0, 1.0]
+
+
+def test_a_log_without_gains_is_not_joined_to_a_log_with_gains():
     position = log_of(TIME, np.sin(5.0 * TIME), joint_names=("b",))
-    with pytest.raises(LogError, match="command_mode"):
+    with pytest.raises(LogError, match="logged_kp"):
         joined([mit_log(), checked(position)])
+
+
+def test_a_passive_joint_is_read_in_the_mode_of_the_robot(tmp_path: Path):
+    path = tmp_path / "run.npz"
+    motion = np.tile(np.sin(5.0 * TIME)[:, None], (1, 2))
+    kp = np.tile([40.0, 0.0], (ROWS, 1))
+    feedforward = 0.1 * motion
+    np.savez(path, t=TIME, goal=motion, pos=motion - 0.01, tau=feedforward, kp=kp, kd=[1.0, 2.0])
+    text = (
+        'motor = "drive"\ntime = "t"\nposition_target = "goal[{joint}]"\n'
+        'joint_pos = "pos[{joint}]"\nkp = "kp[{joint}]"\nkd = "kd[{joint}]"\n'
+        'torque_feedforward = "tau[{joint}]"\n[joints.0]\n[joints.1]\n'
+    )
+
+    log = mp.read_log(path, columns=map_of(tmp_path, text))
+
+    assert log.command_mode == "mit"
+    np.testing.assert_array_equal(commands_angles(log), [True, False])
+    np.testing.assert_array_equal(gain_factors(log)[:, 0], [[1.0, 0.0], [1.0, 1.0]])
+    # its position target is its angle, which must not look like a copied channel
+    assert not [finding for finding in check_log(log).findings if finding.check == "copied"]
 
 
 def test_a_log_names_its_joints_whose_commands_were_sent_faster_than_logged(tmp_path: Path):

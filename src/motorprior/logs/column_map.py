@@ -20,7 +20,6 @@ from motorprior.bounds import BOOLEAN, TABLE, TEXT, Field, is_number, number, on
 from motorprior.exceptions import ArtifactError
 from motorprior.logs.motor_log import (
     ENCODERS,
-    GAIN_UNITS,
     OPERATING_CONDITIONS,
     PHYSICAL_GAINS,
     POSTURES,
@@ -36,7 +35,7 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SCALES: dict[str, dict[str, float]] = {
     # tick: TURN / ticks_per_turn
     "angle": {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan},
-    "velocity": {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0},
+    "velocity": {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0, "turn/s": TURN},
     "torque": {"N·m": 1.0, "mN·m": 1e-3, "kg·cm": 0.0980665},
     "voltage": {"V": 1.0, "dV": 0.1, "mV": 1e-3},
     "temperature": {"degC": 1.0},
@@ -107,11 +106,13 @@ _TIME = Field(
     "the name of a column, or those of seconds and nanoseconds in a list", _is_name_or_pair
 )
 _QUATERNION = Field("a list of the columns of w, x, y and z", _is_quaternion)
+QUATERNION_ORDERS = ("wxyz", "xyzw")
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "segment", *SERIES), _NAME),
         **dict.fromkeys((*OPERATING_CONDITIONS, *BASE_ANGLES, *GAINS), _NAME_OR_NUMBER),
         "base_quaternion": _QUATERNION,
+        "quaternion_order": one_of(*QUATERNION_ORDERS),
         "time": _TIME,
         "time_bits": number(8, MAX_NUMBER_BITS),
         "rate": number(1e-3, 1e6, unit="Hz"),
@@ -124,7 +125,8 @@ _MAP = Schema(
     optional=frozenset(
         {
             *("robot", "time", "time_bits", "rate", "segment", "posture", "encoder"),
-            *("units", "firmware", "joints", "base_quaternion", *BASE_ANGLES, *SERIES),
+            *("units", "firmware", "joints", "base_quaternion", "quaternion_order"),
+            *(*BASE_ANGLES, *SERIES),
         }
     )
     - {"joint_pos"},
@@ -132,7 +134,15 @@ _MAP = Schema(
 # entries that `ColumnMap` copies without a conversion
 _COPIED = ("motor", "robot", "encoder", "time_bits", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
-_UNIT_TABLE = {**_UNITS, "wraps": BOOLEAN, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
+# N·m/rad per unit of kp, and N·m·s/rad per unit of kd; gains in firmware units stay
+GAIN_SCALES = {PHYSICAL_GAINS: 1.0, "N·m/turn": 1.0 / TURN, "firmware": 1.0}
+_UNIT_TABLE = {
+    **_UNITS,
+    "base": one_of("rad", "deg"),
+    "wraps": BOOLEAN,
+    "time": one_of(*TIMES),
+    "gain": one_of(*GAIN_SCALES),
+}
 _JOINT = {
     "name": _NAME,
     **_CHANGES,
@@ -195,6 +205,7 @@ class ColumnMap:
     # constant operating conditions, the same for all rows and joints
     operating_conditions: Mapping[str, float] = field(default_factory=dict)
     gain_unit: str = PHYSICAL_GAINS
+    gain_scale: float = 1.0  # ``gain_unit`` per unit of kp, kd and their columns
     firmware: Mapping[str, float] = field(default_factory=dict)
 
     def columns_of(self, channel: str, joints: Iterable[MappedJoint]) -> list[str]:
@@ -257,7 +268,9 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _require_time_or_rate(table, where)
 
     _require_command(table, where)
+    _require_velocity_unit(table, units, where)
 
+    gain = units.get("gain", PHYSICAL_GAINS)
     constants = {name: table[name] for name in OPERATING_CONDITIONS if is_number(table.get(name))}
     scales = {name: _scale(QUANTITIES[name], (units,), where) for name in OPERATING_CONDITIONS}
     return ColumnMap(
@@ -266,8 +279,9 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         **_time_columns(table, units, where),
         **_base(table, units, where),
         series=_series(table, where),
-        **_joints(table, units, where),
-        gain_unit=units.get("gain", PHYSICAL_GAINS),
+        **_joints(table, units, GAIN_SCALES[gain], where),
+        gain_unit="firmware" if gain == "firmware" else PHYSICAL_GAINS,
+        gain_scale=GAIN_SCALES[gain],
         firmware=table.get("firmware", {}),
         operating_conditions={name: value * scales[name] for name, value in constants.items()},
         **{name: table[name] for name in _COPIED if name in table},
@@ -289,6 +303,25 @@ def _require_command(table: dict[str, Any], where: str) -> None:
             where=where,
             remedy=f"give the columns of every command that was sent: {', '.join(COMMANDS)}",
         )
+
+
+def _require_velocity_unit(table: dict[str, Any], units: dict[str, Any], where: str) -> None:
+    """Raise ArtifactError for angles in degrees or turns, and velocities without a unit.
+
+    Their velocities are hardly in rad/s.
+    """
+    angle = units.get("angle", "rad")
+    given = [name for name in _ANGLE_OF_VELOCITY if name in table]
+    if angle in ("rad", "tick") or "velocity" in units or not given:
+        return
+    tables = [joint.get(name, {}) for joint in table.get("joints", {}).values() for name in given]
+    if tables and all("velocity" in entry or "scale" in entry for entry in tables):
+        return
+    raise ArtifactError(
+        f"{given[0]} has no unit, and angles are in {angle}",
+        where=where,
+        remedy=f"give velocity in [units]: {', '.join(SCALES['velocity'])}",
+    )
 
 
 def _time_columns(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
@@ -313,14 +346,15 @@ def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str,
             raise ArtifactError(
                 f"base_quaternion and {given[0]}", where=where, remedy="give one of the two"
             )
-        return {"base_orientation": tuple(table["base_quaternion"])}
+        names = tuple(table["base_quaternion"])
+        if table.get("quaternion_order", "wxyz") == "xyzw":
+            names = (names[3], *names[:3])
+        return {"base_orientation": names}
     if not given:
         return {}
 
     values = [table.get(name, 0.0) for name in BASE_ANGLES]
-    scale = SCALES["angle"].get(units.get("angle", "rad"), 1.0)
-    if math.isnan(scale):  # the unit of the joints is an encoder's
-        scale = 1.0
+    scale = _base_scale(units, where)
     if all(is_number(value) for value in values):
         return {"base_angles": (scale * values[0], scale * values[1])}
     if len(given) < len(BASE_ANGLES) or any(is_number(value) for value in values):
@@ -330,6 +364,17 @@ def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str,
             remedy="give both as names of columns, or both as numbers",
         )
     return {"base_orientation": tuple(values), "base_angle_scale": scale}
+
+
+def _base_scale(units: dict[str, Any], where: str) -> float:
+    """Rad per unit of roll and pitch, which are often in another unit than the joints."""
+    if "base" not in units and units.get("angle", "rad") != "rad":
+        raise ArtifactError(
+            f"{BASE_ANGLES[0]} has no unit, and angles are in {units['angle']}",
+            where=where,
+            remedy='give base = "rad" or "deg" in [units]',
+        )
+    return SCALES["angle"][units.get("base", "rad")]
 
 
 def _series(table: dict[str, Any], where: str) -> dict[str, str]:
@@ -357,19 +402,25 @@ def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
     Schema(fields, REMEDY, optional=frozenset(fields)).check(table, where)
 
 
-def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
+def _joints(
+    table: dict[str, Any], units: dict[str, Any], gain_scale: float, where: str
+) -> dict[str, Any]:
     """The joints of the map, or how to read each joint of the robot."""
     # numbers of the map are the gains of all joints that state none
     gains = {name: table[name] for name in GAINS if is_number(table.get(name))}
     _check(gains, {name: _JOINT[name] for name in GAINS}, where)
     if "joints" in table:
-        return {"joints": _mapped_joints(table["joints"], gains, units, where)}
-    (every_joint,) = _mapped_joints({JOINT: {}}, gains, units, where)
+        return {"joints": _mapped_joints(table["joints"], gains, units, gain_scale, where)}
+    (every_joint,) = _mapped_joints({JOINT: {}}, gains, units, gain_scale, where)
     return {"joints": (), "every_joint": every_joint}
 
 
 def _mapped_joints(
-    tables: dict[str, Any], gains: dict[str, float], units: dict[str, Any], where: str
+    tables: dict[str, Any],
+    gains: dict[str, float],
+    units: dict[str, Any],
+    gain_scale: float,
+    where: str,
 ) -> tuple[MappedJoint, ...]:
     """The joints of their tables; ``gains`` are those of joints that state none."""
     joints = []
@@ -378,9 +429,9 @@ def _mapped_joints(
         _check(table, _JOINT, place)
         conversions = {name: _conversion(name, table, units, place) for name in QUANTITIES}
         name = table.get("name", column)
-        kp = table.get("kp", gains.get("kp"))
-        kd = table.get("kd", gains.get("kd"))
-        joints.append(MappedJoint(column, name, kp, kd, conversions))
+        given = gains | {gain: table[gain] for gain in GAINS if gain in table}
+        scaled = {gain: gain_scale * value for gain, value in given.items()}
+        joints.append(MappedJoint(column, name, **scaled, conversions=conversions))
 
     names = [joint.name for joint in joints]
     repeated_names = {name for name in names if names.count(name) > 1}

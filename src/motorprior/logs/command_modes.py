@@ -1,5 +1,7 @@
 """Command modes of a `MotorLog`: its channels, and its gains in force."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -38,16 +40,48 @@ def check_command_mode(log: Log, where: str | Path | None) -> None:
 
     if log.logged_kp is None and log.logged_kd is not None and mode != "velocity":
         raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
+
+
+def commands_angles(log: Log) -> np.ndarray:
+    """(J,) whether position targets act on a joint: not in velocity and torque mode, nor at kp 0.
+
+    A joint of a robot in MIT mode has kp = 0 in every row if it is passive, or under velocity or
+    torque control.
+    """
+    if log.command_mode in ("velocity", "torque"):
+        return np.zeros(log.num_joints, dtype=bool)
     if log.logged_kp is None:
-        return
-    is_off = ~np.any(log.logged_kp, axis=0)
-    if is_off.any():
-        joint = log.joint_names[int(is_off.argmax())]
-        raise LogError(
-            f"logged_kp/{joint} is 0 in every row",
-            where=where,
-            remedy="leave the joint out, or state another command mode (docs/your-motors.md)",
-        )
+        return np.ones(log.num_joints, dtype=bool)
+    return np.any(log.logged_kp, axis=0)
+
+
+def in_common_mode(logs: Sequence[Log]) -> list[Log]:
+    """The logs in one command mode, with 0 for commands and gains that some modes do not have.
+
+    It is MIT mode if a log has position targets, else velocity mode. Logs of one mode differ by
+    velocity targets and feed-forward torques only: those that were always 0 are not read.
+    """
+    modes = {log.command_mode for log in logs}
+    mode = "mit" if modes & {"position", "mit"} else "velocity"
+    if len(modes) == 1:
+        (mode,) = modes
+    # gains that the mode has, if any log has them
+    names = [name for name in ("logged_kp", "logged_kd") if name not in _EXCLUDED.get(mode, ())]
+    names += ["velocity_target", "torque_feedforward"]
+    present = [name for name in names if any(getattr(log, name) is not None for log in logs)]
+    return [_in_mode(log, mode, present) for log in logs]
+
+
+def _in_mode(log: Log, mode: str, names: Sequence[str]) -> Log:
+    """The log in another command mode, with 0 for commands and gains ``names`` that it lacks."""
+    zero_gains = {"velocity": ("logged_kp",), "torque": ("logged_kp", "logged_kd")}
+    always_zero = (*zero_gains.get(log.command_mode, ()), "velocity_target", "torque_feedforward")
+    values = {
+        name: np.zeros_like(log.joint_pos)
+        for name in names
+        if getattr(log, name) is None and name in always_zero
+    }
+    return replace(log, command_mode=mode, **values)
 
 
 def gains_change(log: Log) -> bool:
@@ -90,11 +124,11 @@ def unmeasured_scales(trained: str, commanded: str) -> str:
     """
     used = {
         "position": ("position gains",),
-        "mit": ("position gains", "feed-forward torques"),
+        "mit": ("position gains", "velocity gains", "feed-forward torques"),
         "velocity": ("velocity gains",),
         "torque": ("feed-forward torques",),
     }
     measured = used[trained]
-    if trained in ("position", "mit"):
+    if trained == "position":  # it damps by the velocity gain
         measured += ("velocity gains",)
     return " and ".join(name for name in used[commanded] if name not in measured)

@@ -96,6 +96,8 @@ def read_mapped_log(
     values: dict[str, Any] = {"time": _time(table, columns, shape[0], path)}
     for channel, names in series.items():
         values[channel] = _converted(table, channel, names, joints, path)
+        if channel in GAINS:
+            values[channel] *= columns.gain_scale
     _match_turns(values, joints)
     _set_commands(values, joints, path)
 

@@ -245,19 +245,18 @@ class MotorLog(Printable):
     def gains(self) -> np.ndarray | None:
         """(2, J) logged kp and kd [gain_unit]: medians over the segments of the largest in each.
 
-        kd equals kp if it is not logged, since models only use its ratio to the kd of other logs.
-        kp is 1 where it has no effect: in velocity mode, or if it is 0 in a whole segment. None
-        without gains.
+        Segments in which a gain is always 0 do not count for it. kd equals kp if it is not logged,
+        since models only use its ratio to the kd of other logs. kp is 1 where it has no effect: in
+        velocity mode, or if it is 0 in all segments. None without gains.
         """
         if self.logged_kp is None and self.logged_kd is None:
             return None
         kp = np.ones_like(self.joint_pos) if self.logged_kp is None else self.logged_kp
         kd = kp if self.logged_kd is None else self.logged_kd
-        largest = []
-        for segment in self.segment_slices():
-            max_kp = kp[segment].max(axis=0)
-            largest.append([np.where(max_kp > 0.0, max_kp, 1.0), kd[segment].max(axis=0)])
-        return np.median(largest, axis=0)
+        segments = self.segment_slices()
+        largest = [(kp[rows].max(axis=0), kd[rows].max(axis=0)) for rows in segments]
+        medians = np.ma.median(np.ma.masked_equal(largest, 0.0), axis=0)
+        return np.stack([medians[0].filled(1.0), medians[1].filled(0.0)])
 
     @property
     def has_command_frames(self) -> bool:
@@ -316,7 +315,7 @@ def motion_digest(log: MotorLog) -> str:
 
 
 def settings_text(log: MotorLog) -> str:
-    """Command mode, gains, registers, operating conditions, slow commands and postures, with units.
+    """Command mode, gains, registers, operating conditions, slow commands, base, with units.
 
     They are separated by semicolons; the text is empty without any.
     """
@@ -333,6 +332,10 @@ def settings_text(log: MotorLog) -> str:
     if log.posture is not None:
         postures = [POSTURES[code] for code in np.unique(log.posture).tolist()]
         texts.append(f"posture {', '.join(postures)}")
+    if log.base_orientation is not None:
+        angles = np.rad2deg(np.median(log.base_orientation, axis=0)).tolist()
+        pairs = zip(BASE_AXES, angles, strict=True)
+        texts.append("base at " + ", ".join(f"{axis} {angle:.1f}°" for axis, angle in pairs))
     return "; ".join(texts)
 
 

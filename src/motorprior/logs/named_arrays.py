@@ -37,7 +37,7 @@ def _collect(name: str, value: Any, arrays: dict[str, np.ndarray]) -> None:
         return
 
     array = _as_array(value)
-    if array.dtype.kind in "biuf" and array.ndim and array.size:
+    if array.dtype.kind in "biuf" and array.size:
         arrays[name or "data"] = array
     elif is_list and len(value) <= _MAX_ITEMS:
         for index, item in enumerate(value):

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError, listed
+from motorprior.logs.command_modes import in_common_mode
 from motorprior.logs.motor_log import (
     INTEGER_CHANNELS,
     JOINT_SERIES,
@@ -332,19 +333,22 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 
     Logs with equal joint names become consecutive segments. Logs without common joint names are
     recordings of different motors: their joints become columns of one log, cut to the shortest and
-    with the times of the first.
+    with the times of the first. Logs of different command modes get a common one
+    (`command_modes.in_common_mode`).
 
     Raises:
         LogError: no log; some joint names in common; different robots, channels, encoders, gain
-            units or firmware; or, for different motors, segments that begin at different rows.
+            units or firmware; gains in some of them; or, for different motors, segments that begin
+            at different rows.
     """
     if not logs:
         raise LogError("no log given", remedy="give at least one")
+    if len(logs) == 1:
+        return logs[0]
+    logs = in_common_mode(logs)
     first = logs[0]
     for log in logs[1:]:
         _require_equal_settings(first, log)
-    if len(logs) == 1:
-        return first
 
     source = "; ".join(dict.fromkeys(log.source for log in logs))
     names = [name for log in logs for name in log.joint_names]
@@ -365,7 +369,7 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
     problems = [
         f"{name} {getattr(log, name)!r}, another log has {getattr(first, name)!r}"
-        for name in ("robot", "motor", "encoder", "gain_unit", "command_mode")
+        for name in ("robot", "motor", "encoder", "gain_unit")
         if getattr(first, name) != getattr(log, name)
     ]
     # registers and channels that only one of the two logs has
@@ -383,7 +387,7 @@ def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
         raise LogError(
             problems[0],
             where=log.source,
-            remedy="import all with the same channels and registers, or fit one at a time",
+            remedy="import all with the same channels, gains and registers, or fit one at a time",
         )
 
 

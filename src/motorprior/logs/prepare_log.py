@@ -252,5 +252,6 @@ def _raise_errors(notes: Sequence[Note], path: Path) -> None:
 def _is_doubtful(finding: Finding) -> bool:
     """Whether columns may be wrong, or commands and motion do not belong together."""
     is_early = finding.check == "tracking" and finding.value < 0.0
-    is_doubtful = finding.check in ("excitation", "command_rate", "torque_off") or is_early
+    doubtful = ("excitation", "command_rate", "interpolated", "torque_off")
+    is_doubtful = finding.check in doubtful or is_early
     return finding.severity == "warning" and is_doubtful

@@ -11,7 +11,7 @@ from motor_logs import TABLE_MAP
 
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.column_map import TURN, load_column_map, shipped_maps
-from motorprior.logs.motor_log import POSTURES
+from motorprior.logs.motor_log import POSTURES, settings_text
 from motorprior.logs.read_log import read_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -249,7 +249,7 @@ def test_shipped_maps_can_be_loaded():
 BASE_ROWS = 50
 BASE_MAP = (
     'motor = "m"\ntime = "t"\nposition_target = "goal"\njoint_pos = "pos"\n{base}\n'
-    '[units]\nangle = "deg"\n[joints.a]\n'
+    '[units]\nangle = "deg"\nbase = "deg"\n[joints.a]\n'
 )
 
 
@@ -259,8 +259,9 @@ BASE_MAP = (
         "base_roll = 0\nbase_pitch = 20",
         'base_roll = "roll"\nbase_pitch = "pitch"',
         'base_quaternion = ["w", "x", "y", "z"]',
+        'base_quaternion = ["x", "y", "z", "w"]\nquaternion_order = "xyzw"',
     ],
-    ids=["numbers", "columns", "quaternion"],
+    ids=["numbers", "columns", "quaternion", "scalar_last"],
 )
 def test_the_orientation_of_the_base_is_read_in_every_form(tmp_path: Path, base: str):
     pitch = np.deg2rad(20.0)
@@ -277,3 +278,45 @@ def test_the_orientation_of_the_base_is_read_in_every_form(tmp_path: Path, base:
 
     assert log.base_orientation is not None
     np.testing.assert_allclose(log.base_orientation, [[0.0, pitch]] * BASE_ROWS, atol=1e-12)
+    assert "base at roll 0.0°, pitch 20.0°" in settings_text(log)
+
+
+def test_roll_and_pitch_beside_angles_in_degrees_need_their_own_unit(tmp_path: Path):
+    text = BASE_MAP.format(base="base_roll = 0.35").replace('base = "deg"\n', "")
+    (tmp_path / "map.toml").write_text(text)
+
+    with pytest.raises(ArtifactError, match="base_roll has no unit") as refused:
+        load_column_map(tmp_path / "map.toml")
+
+    assert 'base = "rad"' in str(refused.value.remedy)
+
+
+MOTEUS = (
+    'motor = "moteus"\nrate = 100\nposition_target = "c"\nvelocity_target = "dc"\n'
+    'joint_pos = "q"\nkp = 100\nkd = "kd"\n[units]\nangle = "turn"\n'
+)
+
+
+def test_turns_turns_per_second_and_gains_per_turn_become_si_units(tmp_path: Path):
+    turns = np.sin(0.1 * np.arange(BASE_ROWS))
+    columns = tmp_path / "map.toml"
+    columns.write_text(MOTEUS + 'velocity = "turn/s"\ngain = "N·m/turn"\n[joints.a]\n')
+    np.savez(tmp_path / "log.npz", c=turns, dc=turns, q=turns - 0.01, kd=np.full(BASE_ROWS, 2.0))
+
+    log = read_log(tmp_path / "log.npz", columns=columns)
+
+    turn = 2.0 * np.pi
+    assert log.velocity_target is not None
+    assert log.gains is not None
+    np.testing.assert_allclose(log.velocity_target[:, 0], turn * turns)
+    np.testing.assert_allclose(log.gains[:, 0], [100.0 / turn, 2.0 / turn])
+    assert log.gain_unit == "N·m/rad"
+
+
+def test_velocities_beside_angles_in_turns_need_their_own_unit(tmp_path: Path):
+    (tmp_path / "map.toml").write_text(MOTEUS + "[joints.a]\n")
+
+    with pytest.raises(ArtifactError, match="velocity_target has no unit") as refused:
+        load_column_map(tmp_path / "map.toml")
+
+    assert "turn/s" in str(refused.value.remedy)

@@ -8,6 +8,7 @@ import pytest
 from third_party_files import ANGLE, JOINTS, TARGET, TIME
 
 from motorprior.exceptions import LogError
+from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.read_log import read_log, read_log_folder
 
 pytest.importorskip("mcap_ros2", reason="the extra ros is not installed")
@@ -261,5 +262,52 @@ def test_a_message_has_values_of_the_joints_that_it_names(tmp_path: Path, with_m
 
     joints = JOINTS[:1] if with_map else JOINTS
     assert log.joint_names == joints
-    np.testing.assert_array_equal(log.joint_pos, ANGLE[:, : len(joints)])
+    # angles are interpolated over the nanosecond between both publishers
+    np.testing.assert_allclose(log.joint_pos, ANGLE[:, : len(joints)], atol=1e-8)
     np.testing.assert_array_equal(log.position_target, TARGET[:, : len(joints)])
+
+
+def write_clocks(path: Path, offset: float, slow_rows: int) -> Path:
+    """A bag with a command ``offset`` rows before each state of a fast joint, and a slow joint.
+
+    The states of the slow joint, which is named first, come with each ``slow_rows``-th row.
+    """
+    from mcap_ros2.writer import Writer
+
+    period = 10_000_000  # [ns]
+    with open(path, "wb") as file, Writer(file) as writer:
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+
+        def put(topic: str, time: int, names: list[str], position: list[float]) -> None:
+            head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+            message = {"header": head, "name": names, "position": position}
+            message |= {"velocity": [], "effort": []}
+            writer.write_message(topic, schema, message, log_time=time)
+
+        for row in range(100):
+            now = (1 + row) * period
+            put("/commands", now - round(offset * period), ["slow", "fast"], [row, row])
+            angle = np.sin(0.1 * row)
+            if row % slow_rows == 0:
+                put("/joint_states", now, ["slow"], [angle])
+            put("/joint_states", now, ["fast"], [angle])
+    return path
+
+
+def test_commands_act_from_their_own_time_on(tmp_path: Path):
+    log = read_log(write_clocks(tmp_path / "a.mcap", offset=0.25, slow_rows=1))
+
+    # command k acts for three quarters of row k, command k + 1 for the rest
+    np.testing.assert_allclose(log.position_target[:-1, 0], np.arange(99) + 0.25, atol=1e-6)
+
+
+def test_rows_are_those_of_the_joint_with_the_most_messages(tmp_path: Path):
+    log = read_log(write_clocks(tmp_path / "a.mcap", offset=0.0, slow_rows=7))
+
+    assert log.joint_names == ("slow", "fast")
+    angle = np.sin(0.1 * np.arange(100))
+    slow = np.interp(np.arange(100), np.arange(0, 100, 7), angle[::7])
+    np.testing.assert_allclose(log.joint_pos, np.column_stack([slow, angle]), atol=1e-9)
+    finding = next(item for item in check_log(log).findings if item.check == "interpolated")
+    assert finding.joint == "slow"  # the fast one is no line
+    assert finding.value == pytest.approx(7.0)

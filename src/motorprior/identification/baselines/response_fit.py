@@ -49,6 +49,7 @@ from motorprior.identification.windows import (
     VEL,
     VELOCITY_TARGET,
 )
+from motorprior.logs.command_modes import commands_angles
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import Progress
@@ -403,9 +404,9 @@ def fitted_responses(
 ) -> dict[str, ResponseMotors]:
     """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity.
 
-    There are none for velocity or torque commands.
+    There are none unless position targets act on every joint, in every segment.
     """
-    if log.command_mode in ("velocity", "torque"):
+    if not all(np.all(commands_angles(segment)) for segment in log.segments()):
         return {}
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_placeholder_load(log), recipe)

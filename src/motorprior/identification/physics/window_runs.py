@@ -216,6 +216,13 @@ class SegmentArrays:
         return self.rows[0, [channel.KP, channel.KD]]
 
     @property
+    def acting(self) -> np.ndarray:
+        """(2, M) whether kp and kd act in any row."""
+        if not self.has_frames:
+            return np.ones_like(self.gains, dtype=bool)
+        return np.any(self.rows[:, [channel.KP_FACTOR, channel.KD_FACTOR]], axis=0)
+
+    @property
     def has_frames(self) -> bool:
         """Whether the rows have the command frames of `windows.FRAME_CHANNELS`."""
         return self.rows.shape[1] > channel.CHANNELS
@@ -319,8 +326,14 @@ class WindowRuns:
 
     @property
     def gains(self) -> np.ndarray:
-        """(2, M) logged kp and kd of every motor, medians over segments; 1 if there are none."""
-        return np.median([segment.gains for segment in self.segments], axis=0)
+        """(2, M) logged kp and kd of every motor, medians over segments; 1 if there are none.
+
+        Segments without position control do not count for kp, if others have it; likewise for kd.
+        """
+        gains = np.array([segment.gains for segment in self.segments])
+        acting = np.array([segment.acting for segment in self.segments])
+        counted = acting | ~acting.any(axis=0)
+        return np.ma.median(np.ma.array(gains, mask=~counted), axis=0).filled(1.0)
 
     @property
     def max_request(self) -> np.ndarray:

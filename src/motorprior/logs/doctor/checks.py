@@ -3,27 +3,30 @@
 A check is a function that yields findings.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
 
+from motorprior.logs.command_modes import commands_angles
 from motorprior.logs.doctor import commands, readings, response, signs
 from motorprior.logs.doctor.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
 from motorprior.robots.robot import Robot
 
+Check: TypeAlias = Callable[[MotorLog], Iterable[Finding]]
 # checks of the window of a joint in which its command travels farthest; tracking comes first
-PER_JOINT = (
+PER_JOINT: tuple[Check, ...] = (
     response.tracking,
     response.saturation,
     signs.torque_sign,
     commands.command_rate,
 )
-Check: TypeAlias = Callable[[MotorLog], Iterable[Finding]]
+# checks of the window of a joint on which position targets do not act
+WITHOUT_ANGLES: tuple[Check, ...] = (commands.command_rate,)
 _SEVERITIES = ("error", "warning", "info")
 
 
@@ -33,13 +36,12 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     ``robot`` gives limits of the joints, and gravity if its base was suspended or is fixed.
     """
     log = checked(log)
-    commands_angles = log.command_mode in ("position", "mit")
     # jumps need a correct clock and correct units, checks of motion need angles without jumps
     stages = (
         (readings.angle_limits(log, robot), *(check(log) for check in readings.CHECKS)),
         (readings.jumps(log),),
         tuple(check(log) for check in (*response.CHECKS, *commands.CHECKS)),
-        (_joint_findings(log, PER_JOINT if commands_angles else (commands.command_rate,)),),
+        (_joint_findings(log),),
         (signs.gravity_signs(log, robot),) if robot else (),
     )
 
@@ -51,10 +53,11 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     return LogReport(tuple(findings))
 
 
-def _joint_findings(log: MotorLog, checks: Sequence[Check]) -> Iterator[Finding]:
+def _joint_findings(log: MotorLog) -> Iterator[Finding]:
     """Findings of checks about windows of single joints, with rows of the log."""
     windows: dict[int, tuple[slice, MotorLog]] = {}
     findings: dict[int, list[Finding]] = {}
+    is_commanded = commands_angles(log)
     for column in excited_joints(log).tolist():
         window = response.excited_window(log, column)
         if window is None:
@@ -64,10 +67,11 @@ def _joint_findings(log: MotorLog, checks: Sequence[Check]) -> Iterator[Finding]
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
         windows[column] = window
+        checks = PER_JOINT if is_commanded[column] else WITHOUT_ANGLES
         findings[column] = [finding for check in checks for finding in check(window[1])]
 
-    if response.tracking in checks:
-        _name_followed_joints(log, windows, findings)
+    tracking = {column: found for column, found in findings.items() if is_commanded[column]}
+    _name_followed_joints(log, windows, tracking)
 
     for column, joint_findings in findings.items():
         rows, grid = windows[column]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from motorprior.logs.command_modes import commands_angles
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import excited_joints, with_velocities
@@ -39,6 +40,8 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
     In MIT mode there is a term of each command.
     """
     held = _commands(window)
+    if not held.size:
+        return
     changes = [1 + np.flatnonzero(np.diff(column)) for column in held.T]
     if len(changes[0]) < MIN_CHANGES:
         return
@@ -70,13 +73,18 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
 
 
 def _commands(window: MotorLog) -> np.ndarray:
-    """(T, C) commands of one joint that change; the main command of the mode is first."""
+    """(T, C) commands of one joint that change; the main command of the mode is first.
+
+    There are none for a joint without any torque.
+    """
     commands = [window.torque_feedforward]
     if window.command_mode != "torque":
         commands.insert(0, window.velocity_target)
-    if window.command_mode in ("position", "mit"):
+    if commands_angles(window)[0]:
         commands.insert(0, window.position_target)
     present = [command[:, 0] for command in commands if command is not None]
+    if not present:
+        return np.empty((window.num_rows, 0))
     moving = [column for column in present[1:] if np.count_nonzero(np.diff(column)) >= MIN_CHANGES]
     return np.stack([present[0], *moving], axis=1)
 
@@ -142,10 +150,8 @@ def whole_torque(log: MotorLog) -> Iterator[Finding]:
 
 def torque_off(log: MotorLog) -> Iterator[Finding]:
     """Joints that stop following their command for seconds, as after an overload."""
-    if log.command_mode in ("velocity", "torque"):
-        return
     rows = max(2, round(BLOCK / log.period))
-    for column in excited_joints(log):
+    for column in np.intersect1d(excited_joints(log), np.flatnonzero(commands_angles(log))):
         error = log.joint_pos[:, column] - log.position_target[:, column]
         num_blocks = len(error) // rows
         if num_blocks < 2 * MIN_BLOCKS:

@@ -15,6 +15,9 @@ from motorprior.signals import encoder_step
 # plausible range of the rate of a motor log [Hz]; outside of it the unit of time is another one
 RATES = (5.0, 2e4)
 MAX_JITTER = 0.5  # maximum jitter without a warning, see `rate`
+# minimum number of straight pieces of an interpolated angle, and minimum of their median rows
+MIN_SPANS = 10
+MIN_SPAN = 3
 MAX_FAILED = 5  # maximum length of a failed read [readings]
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
@@ -130,6 +133,28 @@ def _repeats(
         "theirs"
     )
     yield Finding("warning", "repeats", share, message, remedy, joint, int(np.argmax(repeated)))
+
+
+def interpolated(log: MotorLog) -> Iterator[Finding]:
+    """Joints whose angle moves on straight lines between readings several rows apart."""
+    for column, joint in enumerate(log.joint_names):
+        spans = []
+        for segment in log.segment_slices():
+            slopes = np.diff(log.joint_pos[segment, column]) / np.diff(log.time[segment])
+            min_bend = 1e-6 * np.abs(slopes).max(initial=0.0)
+            bends = 1 + np.flatnonzero(np.abs(np.diff(slopes)) > min_bend)
+            # a joint at rest is straight as well
+            moves = slopes[bends[:-1]] != 0.0
+            spans += np.diff(bends)[moves].tolist()
+        if len(spans) < MIN_SPANS or np.median(spans) < MIN_SPAN:
+            continue
+        rows = float(np.median(spans))
+        message = (
+            f"the angle of {joint} is a straight line over every {rows:.3g} rows: it was read "
+            f"every {1e3 * rows * log.period:.3g} ms and interpolated"
+        )
+        remedy = "its constants count little: record all joints at the same rate"
+        yield Finding("warning", "interpolated", rows, message, remedy, joint)
 
 
 def _travel(angle: np.ndarray) -> np.ndarray:
@@ -466,4 +491,4 @@ def summary(log: MotorLog) -> Iterator[Finding]:
     yield Finding("info", "settings", 0.0, f"the log states {settings}")
 
 
-CHECKS = (rate, gaps, repeats, speeds, summary)
+CHECKS = (rate, gaps, repeats, interpolated, speeds, summary)

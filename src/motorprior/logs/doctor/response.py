@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motorprior.logs.command_modes import commands_angles
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.readings import MAX_LAG, velocity_spikes
 from motorprior.logs.motor_log import MotorLog
@@ -402,9 +403,10 @@ def saturation(window: MotorLog) -> Iterator[Finding]:
 
 def copied(log: MotorLog) -> Iterator[Finding]:
     """Angles that equal their command in over 90 % of the rows in which it changes (error)."""
-    if log.command_mode in ("velocity", "torque"):
-        return  # no angle is commanded
+    is_commanded = commands_angles(log)
     for column in excited_joints(log):
+        if not is_commanded[column]:
+            continue
         joint = log.joint_names[column]
         command = log.position_target[:, column]
         rows = 1 + np.flatnonzero(np.diff(command))

@@ -32,7 +32,7 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
     """
     arrays = _arrays(path)
     values = {name: _column(name, arrays, path) for name in names}
-    constants = [name for name, column in values.items() if column.ndim == 0]
+    constants = [name for name, column in values.items() if column.size == 1]
     lengths = {name: len(values[name]) for name in names if name not in constants}
     if len(set(lengths.values())) > 1:
         raise LogError(
@@ -43,7 +43,7 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
 
 
 def _column(name: str, arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
-    """(T,) column, or () element of an array (J,), which holds for all rows."""
+    """(T,) column, or () or (1,) for a number that holds for all rows."""
     key, index = element_of(name)
     array = arrays.get(key)
     if array is None:
@@ -54,6 +54,8 @@ def _column(name: str, arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
 
     if array.ndim == 1 and index is not None and index < len(array):
         return np.asarray(array[index], np.float64)
+    if array.ndim == 0:
+        return array.astype(np.float64)
     table = array[:, None] if array.ndim == 1 else array
     is_column = table.ndim == 2 and (index or 0) < table.shape[1]
     if not is_column or (index is None and table.shape[1] > 1):

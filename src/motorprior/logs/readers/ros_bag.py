@@ -8,9 +8,11 @@ They need the extra ``ros``. A column of a column map is a number in the message
 
 FIELD is a path of fields separated by points. A list element is given by its index or, in a message
 that lists joint names (``name`` or ``joint_names``), by a joint's name. ``log_time`` is the
-recorder's clock. A row is a message with the angle of the first joint, with the last value before
-it of every other column. A message that lists joint names has values of these joints only, so that
-several publishers may share a topic.
+recorder's clock. A row is a message with the angle of a joint: of the joint with the most messages.
+Commands of a row are means until the next row, since they act from their own time on; other
+measurements are interpolated at the time of the row; gains and flags are the last before it. A
+message that lists joint names has values of these joints only, so that several publishers may share
+a topic.
 
 Without a map, a bag has two topics of sensor_msgs/JointState: the states, named ``joint_states`` in
 any namespace, and the commands, whose velocities and efforts are velocity targets and feed-forward
@@ -22,6 +24,7 @@ from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -29,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError, listed, quoted
-from motorprior.logs.column_map import ColumnMap, MappedJoint
+from motorprior.logs.column_map import COMMANDS, QUANTITIES, ColumnMap, MappedJoint
 from motorprior.logs.log_reader import (
     FOLDER,
     GIVE_COLUMNS,
@@ -39,6 +42,7 @@ from motorprior.logs.log_reader import (
 )
 from motorprior.logs.motor_log import CORRECT, MotorLog, missing_column
 from motorprior.robots.robot import Robot
+from motorprior.signals import mean_between
 
 CLOCK = "log_time"
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -187,15 +191,12 @@ class _Field:
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
     """Columns (rows,) float64 by name; CLOCK in seconds since the first row.
 
-    Rows begin when every topic has a message. An error names topic, message and field.
+    Rows begin when every column has a value. An error names topic, message and field.
     """
     fields = [_field(name, path) for name in names if name != CLOCK]
-    row_field = _field(columns.columns_of("joint_pos", columns.joints)[0], path)
+    readings = {field.name: _Readings() for field in fields}
     count = dict.fromkeys((field.topic for field in fields), 0)
 
-    times = array("q")
-    values = array("d")
-    latest: dict[str, float] = {}
     with _opened(path) as (reader, types):
         for topic in count.keys() - types.keys():
             raise missing_column("topic", topic, types, path)
@@ -205,29 +206,66 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
             content = message.decoded_message
             for field in fields:
                 if field.topic == topic and _has_joint(content, field):
-                    latest[field.name] = _number(content, field, count, path)
+                    readings[field.name].times.append(message.message.log_time)
+                    readings[field.name].values.append(_number(content, field, count, path))
             count[topic] += 1
-            is_row = topic == row_field.topic and _has_joint(content, row_field)
-            if is_row and len(latest) == len(fields):
-                times.append(message.message.log_time)
-                values.extend(latest[field.name] for field in fields)
 
     for topic, messages in count.items():
         if not messages:
             raise LogError(f"no message of {quoted(topic)}", where=path, remedy=CORRECT)
     for field in fields:
-        if field.name not in latest:
+        if not readings[field.name].times:
             raise LogError(
                 f"no message has the joint of {quoted(field.name, 120)}",
                 where=path,
                 remedy=CORRECT,
             )
+    table = _at_rows(readings, names, columns)
+    if len(table[CLOCK]) < 2:
+        problem = "fewer than 2 angles after the first message of every column"
+        raise LogError(problem, where=path, remedy="record longer, or leave a late column out")
+    return table
 
-    table = np.array(values).reshape(len(times), len(fields))
-    clock = np.array(times)
-    by_name = {field.name: column for field, column in zip(fields, table.T, strict=True)}
-    by_name[CLOCK] = 1e-9 * (clock - clock[:1])
-    return {name: by_name[name] for name in names}
+
+@dataclass(frozen=True)
+class _Readings:
+    """Values of a column."""
+
+    times: array = dataclass_field(default_factory=lambda: array("q"))  # [ns]
+    values: array = dataclass_field(default_factory=lambda: array("d"))
+
+
+def _at_rows(
+    readings: dict[str, _Readings], names: list[str], columns: ColumnMap
+) -> dict[str, np.ndarray]:
+    """Columns (rows,) at the messages of the joint that has the most."""
+    channels = {}
+    for channel in columns.series:
+        channels |= dict.fromkeys(columns.columns_of(channel, columns.joints), channel)
+    angles = columns.columns_of("joint_pos", columns.joints)
+    fastest = max(angles, key=lambda name: len(readings[name].times))
+    start = max(series.times[0] for series in readings.values())
+
+    def seconds(series: _Readings) -> np.ndarray:
+        return 1e-9 * (np.array(series.times) - start)
+
+    rows = seconds(readings[fastest])
+    rows = rows[rows >= 0.0]
+    edges = np.append(rows, rows[-1:] + np.median(np.diff(rows, prepend=0.0)))
+    durations = np.maximum(np.diff(edges), 1e-9)  # rows may repeat a time
+
+    table = {CLOCK: rows - rows[:1]}
+    for name, series in readings.items():
+        values = np.array(series.values)
+        times = seconds(series)
+        channel = channels.get(name)
+        if channel in COMMANDS and len(rows):
+            table[name] = mean_between(times, values[:, None], edges, durations)[:, 0]
+        elif channel in QUANTITIES or channel == "load_stiffness":
+            table[name] = np.interp(rows, times, values)
+        else:
+            table[name] = values[np.searchsorted(times, rows, side="right") - 1]
+    return {name: table[name] for name in names}
 
 
 def _field(name: str, path: Path) -> _Field:
