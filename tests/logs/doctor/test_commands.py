@@ -73,6 +73,48 @@ def test_velocities_and_torques_that_were_sent_faster_than_logged_are_reported(
     assert len(findings) == is_slow
 
 
+def driven(sent: dict[str, np.ndarray], kp: np.ndarray, kd: np.ndarray) -> np.ndarray:
+    """Angle of a joint of unit inertia in MIT mode, at 1 ms, with encoder noise."""
+    angle = np.zeros(len(TIME))
+    q = sent["position_target"][0]
+    dq = 0.0
+    for row in range(len(TIME)):
+        angle[row] = q
+        for _ in range(5):
+            torque = kp[row] * (sent["position_target"][row] - q)
+            torque += kd[row] * (sent["velocity_target"][row] - dq)
+            dq += 0.001 * (torque + sent["torque_feedforward"][row])
+            q += 0.001 * dq
+    return angle + 1e-4 * np.random.default_rng(0).standard_normal(len(TIME))
+
+
+@pytest.mark.parametrize("is_slow", [True, False])
+@pytest.mark.parametrize("mode", ["mit", "velocity"])
+def test_slow_commands_are_found_at_gains_that_ramp_and_between_steps(mode: str, is_slow: bool):
+    ramp = np.minimum(1.0, 0.1 + TIME / 4.0)
+    kp = 200.0 * ramp if mode == "mit" else 0.0 * ramp
+    kd = 20.0 * ramp
+    steps = 0.6 * np.sign(np.sin(2.0 * np.pi * 0.21 * TIME))
+    still = np.abs(np.sin(2.0 * np.pi * 0.11 * TIME)) < 0.3
+    target = np.where(still, 0.0, SMOOTH) + steps
+    velocity = np.gradient(SMOOTH, TIME) if mode == "mit" else np.gradient(SMOOTH, TIME) + steps
+    sent = {
+        "position_target": target,
+        "velocity_target": velocity,
+        "torque_feedforward": 5.0 * np.sin(3.0 * TIME) if mode == "mit" else 0.0 * TIME,
+    }
+    angle = driven(sent, kp, kd)
+
+    logged = {name: np.repeat(values[::10], 10) for name, values in sent.items()}
+    columns = {name: values[:, None] for name, values in (logged if is_slow else sent).items()}
+    target = columns.pop("position_target")[:, 0] if mode == "mit" else angle
+    if mode == "mit":
+        columns["logged_kp"] = kp[:, None]
+    log = log_of(TIME, target, angle, command_mode=mode, logged_kd=kd[:, None], **columns)
+
+    assert len(of_check(check_log(log), "command_rate")) == is_slow
+
+
 @pytest.mark.parametrize(("command", "kp"), [(SLOW, 200.0), (SLOW, 40.0), (SMOOTH, 200.0)])
 def test_a_command_that_was_logged_as_it_was_sent_is_not(command: np.ndarray, kp: float):
     log = log_of(TIME, command, answer(command, kp))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from motorprior.logs.command_modes import commands_angles
+from motorprior.logs.command_modes import commands_angles, gain_factors, gains_change
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import excited_joints, with_velocities
@@ -14,7 +14,9 @@ MIN_CHANGES = 10  # minimum number of changes of a command that `command_rate` c
 MIN_HELD_ROWS = 3  # median number of rows between changes of a command that is logged slowly
 MAX_DELAY = 0.08  # maximum delay of a command that `command_rate` tries [s]
 # share of the unexplained acceleration that straight lines between commands must leave
-MAX_REMAINING = 0.6
+MAX_REMAINING = 0.7
+# minimum ratio of a step to the changes of the command before and after it
+MIN_STEP_RATIO = 3.0
 FULL_FRICTION_SPEED = 0.1  # [rad/s]
 MIN_LAW_SHARE = 0.98  # share of a feed-forward torque that the control law explains
 BLOCK = 0.5  # duration of the blocks of `torque_off` [s]
@@ -37,25 +39,23 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
 
         q̈ = a·command(t - delay) - k·q - b·q̇ - c·sign q̇ + d·sin q + e·cos q + f.
 
-    In MIT mode there is a term of each command.
+    In MIT mode there is a term of each command. Gains that change are factors of the terms.
     """
-    held = _commands(window)
+    held, factors = _commands(window)
     if not held.size:
         return
-    changes = [1 + np.flatnonzero(np.diff(column)) for column in held.T]
-    if len(changes[0]) < MIN_CHANGES:
-        return
-    held_rows = float(np.median(np.diff(changes[0])))
+    held_rows = float(np.median(np.diff(np.flatnonzero(np.diff(held[:, 0])))))
     if held_rows < MIN_HELD_ROWS:
         return
 
-    time = window.time
-    linear = held.copy()
-    for column, rows in zip(linear.T, changes, strict=True):
-        column[:] = np.interp(time, time[rows], column[rows])
+    rows = round(held_rows)
+    linear = np.stack([_lines(column, rows) for column in held.T], axis=1)
+    # the true time of a step is unknown by the time between commands
+    near_step = np.ones(1 + 4 * rows)
+    is_far = ~np.any([np.convolve(_steps(x), near_step, "same") > 0.0 for x in held.T], axis=0)
     half_width = max(1, int(held_rows // 4))
-    held_error = _unexplained(window, held, half_width)
-    linear_error = _unexplained(window, linear, half_width)
+    held_error = _unexplained(window, factors * held, half_width, is_far)
+    linear_error = _unexplained(window, factors * linear, half_width, is_far)
     if linear_error >= MAX_REMAINING * held_error:
         return
     joint = window.joint_names[0]
@@ -72,25 +72,52 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
     yield Finding("warning", "command_rate", milliseconds, message, remedy, joint)
 
 
-def _commands(window: MotorLog) -> np.ndarray:
-    """(T, C) commands of one joint that change; the main command of the mode is first.
+def _lines(command: np.ndarray, held_rows: int) -> np.ndarray:
+    """(T,) lines to each change of a command, over the ``held_rows`` rows before it."""
+    rows = 1 + np.flatnonzero(np.diff(command))
+    # a command that was constant for longer begins to change later
+    starts = np.maximum(rows - held_rows, np.append(0, rows[:-1]))
+    knots = np.column_stack([starts, rows]).ravel()
+    values = np.column_stack([command[rows - 1], command[rows]]).ravel()
+    return np.interp(np.arange(len(command)), knots, values)
 
-    There are none for a joint without any torque.
+
+def _steps(command: np.ndarray) -> np.ndarray:
+    """(T,) whether a command changes by MIN_STEP_RATIO times more than before and after."""
+    rows = 1 + np.flatnonzero(np.diff(command))
+    size = np.abs(command[rows] - command[rows - 1])
+    around = np.maximum(np.append(0.0, size[:-1]), np.append(size[1:], 0.0))
+    is_step = np.zeros(len(command), dtype=bool)
+    is_step[rows] = size > MIN_STEP_RATIO * around
+    return is_step
+
+
+def _commands(window: MotorLog) -> tuple[np.ndarray, np.ndarray]:
+    """Commands (T, C) of one joint that change, and the factors (T, C) of their gains in force.
+
+    The main command of the mode is first.
     """
-    commands = [window.torque_feedforward]
-    if window.command_mode != "torque":
-        commands.insert(0, window.velocity_target)
+    kp, kd = gain_factors(window)[..., 0]
+    terms = [(window.velocity_target, kd), (window.torque_feedforward, np.ones_like(kp))]
     if commands_angles(window)[0]:
-        commands.insert(0, window.position_target)
-    present = [command[:, 0] for command in commands if command is not None]
-    if not present:
-        return np.empty((window.num_rows, 0))
-    moving = [column for column in present[1:] if np.count_nonzero(np.diff(column)) >= MIN_CHANGES]
-    return np.stack([present[0], *moving], axis=1)
+        terms.insert(0, (window.position_target, kp))
+
+    columns = [
+        (command[:, 0], factor)
+        for command, factor in terms
+        if command is not None and np.count_nonzero(np.diff(command[:, 0])) >= MIN_CHANGES
+    ]
+    shape = (len(columns), 2, window.num_rows)
+    commands, factors = np.reshape(columns, shape).transpose(1, 2, 0)
+    return commands, factors
 
 
-def _unexplained(window: MotorLog, commands: np.ndarray, half_width: int) -> float:
+def _unexplained(
+    window: MotorLog, commands: np.ndarray, half_width: int, rows: np.ndarray | None = None
+) -> float:
     """Share of the variance of the acceleration that commands (T, C) do not explain [-].
+
+    Only ``rows`` (T,), a mask, count.
 
     The acceleration is a second difference over ``half_width`` rows, which is a triangular mean of
     the acceleration; the other terms have the same mean.
@@ -108,7 +135,12 @@ def _unexplained(window: MotorLog, commands: np.ndarray, half_width: int) -> flo
     velocity = mean(np.gradient(angle, window.period))
     friction = np.tanh(velocity / FULL_FRICTION_SPEED)
     motion = [mean(angle), velocity, friction, np.sin(angle), np.cos(angle), np.ones_like(angle)]
-    inside = slice(3 * half_width, -3 * half_width)
+    if gains_change(window):
+        kp, kd = gain_factors(window)[..., 0]
+        motion += [mean(kp * angle), mean(kd) * velocity]
+    inside = np.ones(len(angle), dtype=bool) if rows is None else rows.copy()
+    inside[: 3 * half_width] = False
+    inside[-3 * half_width :] = False
     variance = np.var(acceleration[inside])
 
     errors = []
@@ -186,7 +218,7 @@ def _follows(log: MotorLog, column: int, stretch: slice) -> bool:
     """
     if log.command_mode == "mit":
         window = log.joint(column).rows(stretch)
-        commands = _commands(window)
+        commands = np.multiply(*_commands(window))
         half_width = max(1, round(ACCELERATION_TIME / window.period))
         passive_error = _unexplained(window, commands[:, :0], half_width)
         if _unexplained(window, commands, half_width) < MAX_PASSIVE * passive_error:
