@@ -118,6 +118,18 @@ def test_gains_of_the_map_that_contradict_the_file_are_a_warning_with_both(tmp_p
     assert log.logged_kp[0, 0] == 40.0
 
 
+def test_a_stated_gain_that_replaces_a_ramp_is_a_warning(tmp_path: Path):
+    columns = map_of(tmp_path, HEAD + COMMANDS + GAINS + JOINT)
+    path = table(tmp_path, np.linspace(0.0, 40.0, ROWS))
+
+    with pytest.warns(UserWarning, match="kp of the recording changes from 0 to 40") as warned:
+        log = mp.load_log(path, columns=columns, settings=mp.LogSettings(kp=40.0, kd=1.0))
+
+    assert log.logged_kp is not None
+    assert np.all(log.logged_kp == 40.0)
+    assert not [item for item in warned if "kd of the recording" in str(item.message)]
+
+
 def test_gains_of_a_joint_are_elements_of_an_array(tmp_path: Path):
     path = tmp_path / "run.npz"
     motion = np.tile(np.sin(5.0 * TIME)[:, None], (1, 2))

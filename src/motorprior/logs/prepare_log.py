@@ -189,6 +189,13 @@ def _with_settings(log: MotorLog, settings: LogSettings, progress: Progress) -> 
             text = ", ".join(f"{joint} {value:g}" for joint, value in pairs)
             progress.note(f"{log.source}: {name}: {text}")
         if gains.size:
+            logged = getattr(log, f"logged_{name}")
+            if logged is not None and np.any(logged != logged[0]):
+                progress.warn(
+                    f"{log.source}: {name} of the recording changes from {logged.min():.4g} to "
+                    f"{logged.max():.4g}, and {name} = {gains.max():.4g} replaces it in every row "
+                    f"-> leave {name} out to keep the logged gains"
+                )
             values[f"logged_{name}"] = np.broadcast_to(gains, shape)
 
     for name, value in settings.operating_conditions.items():
@@ -253,5 +260,6 @@ def _is_doubtful(finding: Finding) -> bool:
     """Whether columns may be wrong, or commands and motion do not belong together."""
     is_early = finding.check == "tracking" and finding.value < 0.0
     doubtful = ("excitation", "command_rate", "interpolated", "torque_off")
+    doubtful += ("velocity_target", "commanded_torque")
     is_doubtful = finding.check in doubtful or is_early
     return finding.severity == "warning" and is_doubtful

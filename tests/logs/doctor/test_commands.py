@@ -115,6 +115,75 @@ def test_slow_commands_are_found_at_gains_that_ramp_and_between_steps(mode: str,
     assert len(of_check(check_log(log), "command_rate")) == is_slow
 
 
+SENT = {
+    "position_target": SMOOTH,
+    "velocity_target": np.gradient(SMOOTH, TIME),
+    "torque_feedforward": 30.0 * np.sin(3.0 * TIME),
+}
+
+
+@pytest.mark.parametrize("knows_load", [True, False])
+@pytest.mark.parametrize(
+    ("channel", "factor", "check"),
+    [
+        ("velocity_target", -1.0, "velocity_target"),
+        ("velocity_target", 57.3, "velocity_target"),
+        ("velocity_target", 1.0 / 6.28, "velocity_target"),
+        ("torque_feedforward", -1.0, "commanded_torque"),
+        ("torque_feedforward", 1000.0, "commanded_torque"),
+        ("torque_feedforward", 1.0, ""),
+    ],
+)
+def test_commands_of_another_sign_or_unit_are_reported(
+    channel: str, factor: float, check: str, knows_load: bool
+):
+    kp = np.full(len(TIME), 200.0)
+    kd = np.full(len(TIME), 20.0)
+    angle = driven(SENT, kp, kd)
+    columns = {name: values[:, None] for name, values in SENT.items()}
+    columns[channel] = factor * columns[channel]
+    del columns["position_target"]
+    ones = np.ones_like(angle)[:, None]
+    if knows_load:
+        columns |= {"load_inertia": ones, "external_torque": 0.0 * ones}
+    gains = {"logged_kp": 200.0 * ones, "logged_kd": 20.0 * ones}
+    log = log_of(TIME, SMOOTH, angle, command_mode="mit", **gains, **columns)
+
+    report = check_log(log)
+
+    for name in ("velocity_target", "commanded_torque"):
+        findings = of_check(report, name)
+        assert len(findings) == (name == check)
+        if findings and channel == "velocity_target":
+            assert findings[0].value == pytest.approx(-1.0 if factor < 0 else factor, rel=0.1)
+        elif findings:
+            assert findings[0].value == pytest.approx(1.0 / factor, rel=0.1)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 57.3])
+def test_velocity_commands_are_compared_with_the_motion(factor: float):
+    sent = np.gradient(SMOOTH, TIME)
+    angle = moved(sent, kd=20.0)
+
+    def findings(target: np.ndarray) -> list:
+        log = log_of(TIME, angle, angle, command_mode="velocity", velocity_target=target[:, None])
+        return of_check(check_log(log), "velocity_target")
+
+    assert findings(factor * sent)
+    assert findings(np.gradient(angle, TIME))  # the measured velocity
+    assert not findings(sent)
+
+
+def test_a_torque_command_of_another_sign_is_reported_without_a_load():
+    sent = 30.0 * np.gradient(SMOOTH, TIME)
+    angle = moved(sent, kd=0.0)
+
+    for sign in (1.0, -1.0):
+        columns = {"command_mode": "torque", "torque_feedforward": sign * sent[:, None]}
+        log = log_of(TIME, angle, angle, **columns)
+        assert len(of_check(check_log(log), "commanded_torque")) == (sign < 0.0)
+
+
 @pytest.mark.parametrize(("command", "kp"), [(SLOW, 200.0), (SLOW, 40.0), (SMOOTH, 200.0)])
 def test_a_command_that_was_logged_as_it_was_sent_is_not(command: np.ndarray, kp: float):
     log = log_of(TIME, command, answer(command, kp))

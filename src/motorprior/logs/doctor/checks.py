@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.logs.command_modes import commands_angles
-from motorprior.logs.doctor import commands, readings, response, signs
+from motorprior.logs.doctor import command_signs, commands, readings, response, signs
 from motorprior.logs.doctor.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
@@ -24,9 +24,11 @@ PER_JOINT: tuple[Check, ...] = (
     response.saturation,
     signs.torque_sign,
     commands.command_rate,
+    command_signs.velocity_target,
+    command_signs.commanded_torque,
 )
 # checks of the window of a joint on which position targets do not act
-WITHOUT_ANGLES: tuple[Check, ...] = (commands.command_rate,)
+WITHOUT_ANGLES = PER_JOINT[3:]
 _SEVERITIES = ("error", "warning", "info")
 
 

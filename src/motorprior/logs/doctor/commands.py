@@ -41,9 +41,11 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
 
     In MIT mode there is a term of each command. Gains that change are factors of the terms.
     """
-    held, factors = _commands(window)
-    if not held.size:
+    commands = list(_commands(window).values())
+    if not commands:
         return
+    held = np.stack([command for command, _ in commands], axis=1)
+    factors = np.stack([factor for _, factor in commands], axis=1)
     held_rows = float(np.median(np.diff(np.flatnonzero(np.diff(held[:, 0])))))
     if held_rows < MIN_HELD_ROWS:
         return
@@ -54,8 +56,8 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
     near_step = np.ones(1 + 4 * rows)
     is_far = ~np.any([np.convolve(_steps(x), near_step, "same") > 0.0 for x in held.T], axis=0)
     half_width = max(1, int(held_rows // 4))
-    held_error = _unexplained(window, factors * held, half_width, is_far)
-    linear_error = _unexplained(window, factors * linear, half_width, is_far)
+    held_error, _ = explained_by(window, factors * held, half_width, is_far)
+    linear_error, _ = explained_by(window, factors * linear, half_width, is_far)
     if linear_error >= MAX_REMAINING * held_error:
         return
     joint = window.joint_names[0]
@@ -92,32 +94,38 @@ def _steps(command: np.ndarray) -> np.ndarray:
     return is_step
 
 
-def _commands(window: MotorLog) -> tuple[np.ndarray, np.ndarray]:
-    """Commands (T, C) of one joint that change, and the factors (T, C) of their gains in force.
+def _commands(window: MotorLog) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Commands (T,) of one joint that change, each with the factors (T,) of its gain in force.
 
     The main command of the mode is first.
     """
     kp, kd = gain_factors(window)[..., 0]
-    terms = [(window.velocity_target, kd), (window.torque_feedforward, np.ones_like(kp))]
+    factors = {"velocity_target": kd, "torque_feedforward": np.ones_like(kp)}
     if commands_angles(window)[0]:
-        terms.insert(0, (window.position_target, kp))
+        factors = {"position_target": kp} | factors
 
-    columns = [
-        (command[:, 0], factor)
-        for command, factor in terms
-        if command is not None and np.count_nonzero(np.diff(command[:, 0])) >= MIN_CHANGES
-    ]
-    shape = (len(columns), 2, window.num_rows)
-    commands, factors = np.reshape(columns, shape).transpose(1, 2, 0)
-    return commands, factors
+    commands = {}
+    for name, factor in factors.items():
+        channel = getattr(window, name)
+        if channel is not None and np.count_nonzero(np.diff(channel[:, 0])) >= MIN_CHANGES:
+            commands[name] = (channel[:, 0], factor)
+    return commands
 
 
-def _unexplained(
+def commands_of(window: MotorLog) -> tuple[list[str], np.ndarray]:
+    """Names and values (T, C) of the commands of one joint that change, at their gains in force."""
+    commands = _commands(window)
+    values = [command * factor for command, factor in commands.values()]
+    return list(commands), np.reshape(values, (len(values), window.num_rows)).T
+
+
+def explained_by(
     window: MotorLog, commands: np.ndarray, half_width: int, rows: np.ndarray | None = None
-) -> float:
-    """Share of the variance of the acceleration that commands (T, C) do not explain [-].
+) -> tuple[float, np.ndarray]:
+    """Regression of the acceleration on commands (T, C), see `command_rate`.
 
-    Only ``rows`` (T,), a mask, count.
+    Returns the share of its variance that is unexplained [-], and the coefficients (C,) of the
+    commands. Only ``rows`` (T,), a mask, count.
 
     The acceleration is a second difference over ``half_width`` rows, which is a triangular mean of
     the acceleration; the other terms have the same mean.
@@ -143,14 +151,16 @@ def _unexplained(
     inside[-3 * half_width :] = False
     variance = np.var(acceleration[inside])
 
-    errors = []
+    fits = []
     for delay in range(max(1, int(MAX_DELAY / window.period))):
         first = np.repeat(commands[:1], delay, axis=0)
         delayed = np.concatenate([first, commands[: len(commands) - delay]])
         table = np.column_stack([*map(mean, delayed.T), *motion])[inside]
         coefficients = np.linalg.lstsq(table, acceleration[inside], rcond=None)[0]
-        errors.append(np.mean((acceleration[inside] - table @ coefficients) ** 2))
-    return float(min(errors) / max(variance, 1e-300))
+        error = float(np.mean((acceleration[inside] - table @ coefficients) ** 2))
+        fits.append((error, coefficients[: commands.shape[1]]))
+    error, coefficients = min(fits, key=lambda fit: fit[0])
+    return error / max(variance, 1e-300), coefficients
 
 
 def whole_torque(log: MotorLog) -> Iterator[Finding]:
@@ -218,10 +228,11 @@ def _follows(log: MotorLog, column: int, stretch: slice) -> bool:
     """
     if log.command_mode == "mit":
         window = log.joint(column).rows(stretch)
-        commands = np.multiply(*_commands(window))
+        _, commands = commands_of(window)
         half_width = max(1, round(ACCELERATION_TIME / window.period))
-        passive_error = _unexplained(window, commands[:, :0], half_width)
-        if _unexplained(window, commands, half_width) < MAX_PASSIVE * passive_error:
+        passive_error, _ = explained_by(window, commands[:, :0], half_width)
+        error, _ = explained_by(window, commands, half_width)
+        if error < MAX_PASSIVE * passive_error:
             return True
 
     command = log.position_target[stretch, column]
