@@ -77,6 +77,24 @@ def test_the_columns_of_a_map_and_gains_of_zero_give_the_command_mode(
     assert f"{mode} commands" in settings_text(log) or mode == "position"
 
 
+@pytest.mark.parametrize(
+    ("entries", "kd", "unit", "ends"),
+    [
+        ('velocity_target = "speed"\n', 1.0, "rad/s", ("-2.04", "5.00")),
+        ('torque_feedforward = "tau"\n', 0.0, "N·m", ("0.00", "0.30")),
+    ],
+)
+def test_the_overview_has_the_commands_of_the_mode(
+    tmp_path: Path, entries: str, kd: float, unit: str, ends: tuple[str, str]
+):
+    columns = map_of(tmp_path, HEAD + entries + JOINT)
+
+    overview = mp.read_log(table(tmp_path, 0.0, kd), columns=columns).overview()
+
+    assert overview.columns[3] == f"command from [{unit}]"
+    assert tuple(overview.rows[0][3:]) == ends
+
+
 def test_gains_of_every_row_are_read_from_columns(tmp_path: Path):
     ramp = np.linspace(0.0, 40.0, ROWS)
     columns = map_of(tmp_path, HEAD + COMMANDS + GAINS + JOINT)

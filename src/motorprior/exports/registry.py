@@ -133,8 +133,8 @@ def export(
         raise ConfigError(
             f"motors of format {exporter.name} follow positions, and these motors "
             f"{actuator.command_mode} commands",
-            remedy="give the gains kp and kd that will be sent, or choose format mjcf or table",
-            argument="gains",
+            remedy=_remedy_for_commands(actuator),
+            argument="format",
         )
     step = min(MAX_STEP, actuator.model.period)
     values = constants(actuator, step)
@@ -246,6 +246,14 @@ def _described_model_losses(losses: dict[str, float]) -> str:
 def is_supported(exporter: Exporter) -> bool:
     """Whether the installed MuJoCo has what the format uses."""
     return int(mujoco.__version__.split(".")[0]) >= exporter.min_mujoco
+
+
+def _remedy_for_commands(actuator: GreyBoxActuator) -> str:
+    """What to do if a format needs motors that follow positions; only logged gains can be given."""
+    remedy = "choose format mjcf or table"
+    if actuator.model.gain_unit:
+        return f"give the gains kp and kd that will be sent, or {remedy}"
+    return remedy
 
 
 def _exporter_of(format: str) -> Exporter:

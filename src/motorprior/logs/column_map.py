@@ -193,7 +193,8 @@ class ColumnMap:
     encoder: str = ""
     time: str | None = None  # column of the time; None if the rate is given
     time_scale: float = 1.0  # seconds per unit of the column ``time``
-    nanoseconds: str | None = None  # column of nanoseconds that add to the column ``time`` [s]
+    subseconds: str | None = None  # column that adds to the column ``time`` [s]
+    subsecond_scale: float = 1e-9  # seconds per unit of the column ``subseconds``
     time_bits: float | None = None  # the column ``time`` restarts at 0 after 2^time_bits - 1
     rate: float | None = None  # row rate [Hz]
     segment: str | None = None  # column with the index of the recording
@@ -275,7 +276,6 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     scales = {name: _scale(QUANTITIES[name], (units,), where) for name in OPERATING_CONDITIONS}
     return ColumnMap(
         source=where,
-        time_scale=TIMES[units.get("time", "s")],
         **_time_columns(table, units, where),
         **_base(table, units, where),
         series=_series(table, where),
@@ -325,17 +325,25 @@ def _require_velocity_unit(table: dict[str, Any], units: dict[str, Any], where: 
 
 
 def _time_columns(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
-    """The columns of the time; a list holds those of seconds and of nanoseconds."""
+    """The columns of the time; a list holds those of seconds and of their fractions.
+
+    The unit of time is that of the fractions then, by default ns.
+    """
     time = table.get("time")
     if not isinstance(time, list):
-        return {"time": time}
-    if units.get("time", "s") != "s" or "time_bits" in table:
+        return {"time": time, "time_scale": TIMES[units.get("time", "s")]}
+    if "time_bits" in table:
         raise ArtifactError(
-            "time is a list, with a unit or time_bits",
+            "time is a list, with time_bits",
             where=where,
-            remedy="leave these out: its columns are seconds and nanoseconds",
+            remedy="leave time_bits out: its columns are seconds and their fractions",
         )
-    return {"time": time[0], "nanoseconds": time[1]}
+    return {
+        "time": time[0],
+        "time_scale": 1.0,
+        "subseconds": time[1],
+        "subsecond_scale": TIMES[units.get("time", "ns")],
+    }
 
 
 def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The interface of a log format, and logs from the columns that a `ColumnMap` names."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -30,6 +30,7 @@ from motorprior.robots.robot import Robot
 
 IN_MAP = "in the column map"
 MAX_NORM_ERROR = 0.02  # maximum deviation of the norm of a quaternion from 1
+MAX_REPEATED_TIMES = 1e-3  # maximum share of rows that are left out as they repeat a time
 FOLDER = "/"  # the ending of a folder's name
 GIVE_COLUMNS = "with columns, the file of a column map (docs/your-motors.md)"
 # reads named columns of a path, each (rows,) float64, or timedelta64 for time stamps
@@ -88,7 +89,7 @@ def read_mapped_log(
     table = source(path, _column_names(columns, series), columns)
     origin = str(path)
     if columns.time:
-        table, num_duplicates = _without_duplicates(table)
+        table, num_duplicates = _without_duplicates(table, columns)
         if num_duplicates:
             origin = f"{path} (duplicate rows left out: {num_duplicates})"
 
@@ -245,17 +246,28 @@ def _base_orientation(
 
 def _column_names(columns: ColumnMap, series: dict[str, list[str]]) -> list[str]:
     """Each column that the log needs, once."""
-    times = (columns.time, columns.nanoseconds, columns.segment)
+    times = (columns.time, columns.subseconds, columns.segment)
     names = [name for name in times if name]
     names += columns.base_orientation
     names += chain(*series.values())
     return list(dict.fromkeys(names))
 
 
-def _without_duplicates(table: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], int]:
-    """The rows that differ from the previous row, and the number of the others."""
-    is_equal = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
-    duplicate = np.append(False, is_equal)
+def _without_duplicates(
+    table: dict[str, np.ndarray], columns: ColumnMap
+) -> tuple[dict[str, np.ndarray], int]:
+    """The table without rows that repeat the previous row, and the number of these rows.
+
+    Rows that only repeat its time are left out as well, if they are few.
+    """
+
+    def repeats(names: Iterable[str]) -> np.ndarray:
+        equal = [table[name][1:] == table[name][:-1] for name in names]
+        return np.append(False, np.all(equal, axis=0))
+
+    times = [name for name in (columns.time, columns.subseconds) if name]
+    same_time = repeats(times)
+    duplicate = same_time if same_time.mean() <= MAX_REPEATED_TIMES else repeats(table)
     if not duplicate.any():
         return table, 0
     return {name: values[~duplicate] for name, values in table.items()}, int(duplicate.sum())
@@ -271,17 +283,39 @@ def _time(
     if time.dtype.kind == "m":
         return time / np.timedelta64(1, "s")
     require_finite(time[:, None], [f"time (column {columns.time})"], path)
-    if columns.nanoseconds is not None:
+    if columns.subseconds is not None:
+        subseconds = table[columns.subseconds]
+        require_finite(subseconds[:, None], [f"time (column {columns.subseconds})"], path)
+        _require_subsecond_unit(time, subseconds, columns, path)
         # relative to the first row, since a float64 resolves 0.2 µs of the seconds since 1970
-        nanoseconds = table[columns.nanoseconds]
-        require_finite(nanoseconds[:, None], [f"time (column {columns.nanoseconds})"], path)
-        return (time - time[0]) + 1e-9 * nanoseconds
+        return (time - time[0]) + columns.subsecond_scale * subseconds
     if columns.time_bits is not None:
-        restarts = np.cumsum(np.diff(time, prepend=time[0]) < 0.0)
-        time = time - time[0] + restarts * 2.0**columns.time_bits
+        # a smaller fall is no restart: two rows are exchanged
+        falls = np.diff(time, prepend=time[0]) < -0.5 * 2.0**columns.time_bits
+        time = time - time[0] + np.cumsum(falls) * 2.0**columns.time_bits
     elif columns.segment is None:
         _require_clock(time, columns, path)
     return columns.time_scale * time
+
+
+def _require_subsecond_unit(
+    time: np.ndarray, subseconds: np.ndarray, columns: ColumnMap, path: Path
+) -> None:
+    """Raise LogError for nanoseconds that stay below a millisecond while seconds pass."""
+    largest = float(subseconds.max())
+    num_seconds = len(np.unique(time))
+    if columns.subsecond_scale != 1e-9 or largest >= 1e6 or len(time) < 4 * num_seconds:
+        return
+    if num_seconds < 2:
+        return
+    unit = "us" if largest >= 1e3 else "ms"
+    unit = "s" if largest <= 1.0 else unit
+    raise LogError(
+        f"time (column {columns.subseconds}) is at most {largest:.6g} in {num_seconds} seconds: "
+        "these are no nanoseconds",
+        where=path,
+        remedy=f'state time = "{unit}" in [units] {IN_MAP}',
+    )
 
 
 COUNTER_BITS = (16, 24, 32)  # of the counters of microcontrollers

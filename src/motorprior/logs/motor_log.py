@@ -166,6 +166,14 @@ class MotorLog(Printable):
             ends = np.rad2deg([angle.min(), angle.max(), command.min(), command.max()]).tolist()
             error = 1e3 * rms(angle - command)
             rows.append([joint, *(f"{value:.1f}" for value in ends), f"{error:.0f}"])
+
+        # without position commands, the table has the commands of the mode
+        sent = {"velocity": ("velocity_target", "rad/s"), "torque": ("torque_feedforward", "N·m")}
+        if self.command_mode in sent:
+            name, unit = sent[self.command_mode]
+            columns = (*columns[:3], f"command from [{unit}]", f"to [{unit}]")
+            for row, values in zip(rows, getattr(self, name).T, strict=True):
+                row[3:] = [f"{values.min():.2f}", f"{values.max():.2f}"]
         return Overview(f"motor log of {self.num_joints} joints", facts, columns, rows)
 
     @property

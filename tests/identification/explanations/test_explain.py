@@ -116,6 +116,18 @@ def test_the_cause_is_named_with_its_value(
             assert np.all(np.abs(values - true_values) < tolerances), values
 
 
+def test_a_feed_forward_torque_of_the_other_sign_is_named_with_its_factor():
+    # the controller compensates gravity
+    log = swing(SECONDS, 1, 1, World(compensation=1.0), 1.0, True)
+    assert log.external_torque is not None
+    wrong = replace(log, command_mode="mit", torque_feedforward=log.external_torque)
+
+    (cause,) = explained(wrong).causes
+
+    trials = {trial.name: trial for trial in cause.trials}
+    assert trials["feedforward_scale"].estimate(0).values[0] == pytest.approx(-2.0, abs=0.1)
+
+
 def test_torque_that_is_off_for_a_while_is_named_with_the_rows_of_the_fall():
     log = swing(SECONDS, 12, 1, World(off_after=0.4 * SECONDS, on_after=0.6 * SECONDS))
 

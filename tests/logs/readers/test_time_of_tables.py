@@ -83,16 +83,46 @@ MICROSECONDS = (2**32 - 250_000 + np.rint(1e6 * SECONDS).astype(int)) % 2**32
 UNITS = "[units]\ntime = {}\n[joints.a]"
 
 
-def test_a_list_adds_seconds_and_nanoseconds(tmp_path: Path):
-    pairs = [f"{EPOCH + ns // 10**9},{ns % 10**9}" for ns in NANOSECONDS]
+def time_of_pairs(folder: Path, unit: str) -> np.ndarray:
+    """Times of a table with seconds and nanoseconds, or microseconds if the unit is us."""
+    divisor = 1000 if unit == "us" else 1
+    pairs = [f"{EPOCH + ns // 10**9},{ns % 10**9 // divisor}" for ns in NANOSECONDS]
     rows = "".join(f"{pair},0.1,0.2\n" for pair in pairs)
-    (tmp_path / "log.csv").write_text(f"sec,nsec,goal_a,pos_a\n{rows}", "utf-8")
-    columns = tmp_path / "map.toml"
-    columns.write_text(MAP.replace('time = "t"', 'time = ["sec", "nsec"]'), "utf-8")
+    (folder / "log.csv").write_text(f"sec,part,goal_a,pos_a\n{rows}", "utf-8")
+    return read_log(folder / "log.csv", columns=folder / "map.toml").time
 
-    time = read_log(tmp_path / "log.csv", columns=columns).time
 
-    np.testing.assert_allclose(np.diff(time), 0.002, rtol=0, atol=1e-8)
+def test_a_list_adds_seconds_and_their_fractions(tmp_path: Path):
+    text = MAP.replace('time = "t"', 'time = ["sec", "part"]')
+    (tmp_path / "map.toml").write_text(text, "utf-8")
+    nanoseconds = time_of_pairs(tmp_path, "ns")
+    with pytest.raises(LogError, match="is at most 998000 in 2 seconds") as refused:
+        time_of_pairs(tmp_path, "us")
+
+    (tmp_path / "map.toml").write_text(text.replace("[joints.a]", UNITS.format('"us"')), "utf-8")
+    microseconds = time_of_pairs(tmp_path, "us")
+
+    assert 'time = "us"' in str(refused.value.remedy)
+    np.testing.assert_allclose(np.diff(nanoseconds), 0.002, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(np.diff(microseconds), 0.002, rtol=0, atol=1e-8)
+
+
+def test_rows_of_a_counter_that_are_exchanged_are_no_restart(tmp_path: Path):
+    text = MAP.replace('time = "t"', 'time = "t"\ntime_bits = 32')
+    cells = MICROSECONDS.copy()
+    cells[[40, 41]] = cells[[41, 40]]
+
+    with pytest.raises(LogError, match="row 41, time runs backwards"):
+        times(tmp_path / "log.csv", cells.tolist(), text)
+
+
+def test_a_row_whose_time_repeats_is_left_out(tmp_path: Path):
+    cells = 0.002 * np.arange(2000)
+    cells[700] = cells[699]
+
+    time = times(tmp_path / "log.csv", cells.tolist())
+
+    np.testing.assert_allclose(time, np.delete(cells, 700))
 
 
 def test_a_counter_that_restarts_is_continued(tmp_path: Path):

@@ -238,7 +238,9 @@ def _facts(
     if runs.recipe.gain_unit == PHYSICAL_GAINS:
         gains = runs.gains
     names = tuple(log.joint_names[motor] for motor in motors)
+    commands = ("velocity_target", "torque_feedforward")
     return Facts(
+        commands=tuple(name for name in commands if getattr(log, name) is not None),
         joint_names=names,
         period=runs.recipe.period,
         logs=log_names,

@@ -54,6 +54,8 @@ class Facts:
     kd_over_kp: np.ndarray  # (M,) of the fitted motors [s]
     link_mass: np.ndarray  # (M,) mass of what each joint carries, 0 if unknown [kg]
     link_reach: np.ndarray  # (M,) twice the distance of its link's centre of mass [m]
+    # velocity_target and torque_feedforward, if the logs have them
+    commands: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

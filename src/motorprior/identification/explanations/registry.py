@@ -317,6 +317,29 @@ def _lead_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
     return problem, remedy
 
 
+def _scaled_sent(column: int) -> Callable:
+    """Change that multiplies a command by 1 + θ, which may be negative."""
+
+    def change(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
+        rows[:, column] *= 1.0 + theta[0]
+        return rows
+
+    return change
+
+
+def _sent_text(name: str) -> Callable:
+    def describe(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
+        factor = Estimate(1.0 + estimate.values, estimate.half_widths)
+        problem = f"{name} acts {factor.text()} times as strongly as logged"
+        return problem, f"correct its sign or unit in the column map: [joints.….{name}]"
+
+    return describe
+
+
+def _sends(name: str) -> Callable[[Facts], bool]:
+    return lambda facts: name in facts.commands
+
+
 def _shifted(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
     """The command later by θ [s]."""
     count = len(rows)
@@ -411,7 +434,28 @@ EXPLANATIONS = (
         applies=lambda facts: facts.has_gravity,
         adds_mass=True,
     ),
-    Explanation("velocity_target", _led, _lead_text, units=(0.1,), smallest=(0.005,)),
+    Explanation(
+        "velocity_target",
+        _led,
+        _lead_text,
+        units=(0.1,),
+        smallest=(0.005,),
+        applies=lambda facts: "velocity_target" not in facts.commands,
+    ),
+    Explanation(
+        "velocity_target_scale",
+        _scaled_sent(channel.VELOCITY_TARGET),
+        _sent_text("velocity_target"),
+        smallest=(0.2,),
+        applies=_sends("velocity_target"),
+    ),
+    Explanation(
+        "feedforward_scale",
+        _scaled_sent(channel.FEEDFORWARD),
+        _sent_text("torque_feedforward"),
+        smallest=(0.1,),
+        applies=_sends("torque_feedforward"),
+    ),
     Explanation(
         "delay", _shifted, _delay_text, units=(0.05,), smallest=(_MIN_SHIFT,), held=("delay",)
     ),
