@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from motorprior.bounds import TABLE, TEXT, Field, is_number, many
 from motorprior.exceptions import ArtifactError
 from motorprior.schema import Schema
@@ -69,31 +67,26 @@ def _is_stated(value: Any) -> bool:
     return is_pair and is_number(value[0], 1e-12, 1e9) and is_number(value[1], 1e-3, 3.0)
 
 
-# Stall torque [N·m] of servos by their maker, and its supply voltage [V] (ROBOTIS e-Manual). Lower
-# case names are those of Rhoban/bam.
+# Stall torques of servos by their maker [N·m]: XL330 at 5 V, XL-320 at 7.4 V, others at 12 V
+# (ROBOTIS e-Manual). Lower case names are those of Rhoban/bam.
 _STALL_TORQUES = {
-    "xl330": (0.52, 5.0),
-    "XL330-M288": (0.52, 5.0),
-    "xl320": (0.39, 7.4),
-    "mx64": (6.0, 12.0),
-    "mx106": (8.4, 12.0),
+    "xl330": 0.52,
+    "XL330-M288": 0.52,
+    "xl320": 0.39,
+    "mx64": 6.0,
+    "mx106": 8.4,
 }
 # Standard deviation of the logarithm of a torque limit about the stall torque: assumption. The
-# firmware's limits of duty and current, and friction change it.
+# firmware's limits of duty and current, the supply, and friction change it. It is not scaled by the
+# supply: fits of the XL330 at 7.3 V find 0.55 to 0.61 N·m, perhaps since its current is limited.
 _STALL_TORQUE_STD = 0.3
 
 
-def known_motor(name: str, voltage: np.ndarray | None) -> MotorModel | None:
-    """The motor of this name, if its maker states the stall torque.
-
-    The stall torque is proportional to the supply voltage, of which a log has the values
-    ``voltage`` (T, 1) [V]. Without them it is that of the maker.
-    """
+def known_motor(name: str) -> MotorModel | None:
+    """The motor of this name, if its maker states the stall torque."""
     if name not in _STALL_TORQUES:
         return None
-    stall_torque, volts = _STALL_TORQUES[name]
-    share = 1.0 if voltage is None else float(np.mean(voltage)) / volts
-    return MotorModel(name, torque_limit=StatedValue(share * stall_torque, _STALL_TORQUE_STD))
+    return MotorModel(name, torque_limit=StatedValue(_STALL_TORQUES[name], _STALL_TORQUE_STD))
 
 
 _STATED = Field("[value, standard deviation of its logarithm, 0.001 to 3]", _is_stated)

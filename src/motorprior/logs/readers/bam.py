@@ -11,7 +11,7 @@ of ``arm_mass`` (a uniform rod),
 
 and load_stiffness is the derivative of the latter. Rows with the torque off are dropped; a segment
 ends there. The servos of these recordings measure and control the angle of their output shaft.
-The makers of some state their stall torque, which `known_motor` scales by the supply voltage.
+The makers of some state their stall torque (`known_motor`).
 """
 
 import json
@@ -60,7 +60,7 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
         measured["joint_vel"] = _column(entries, "speed", path)
 
     motor = str(content.get("motor", ""))
-    model = known_motor(motor, measured.get("supply_voltage"))
+    model = known_motor(motor)
     log = MotorLog(
         time=_column(entries, "timestamp", path)[:, 0],
         position_target=_column(goals, "goal_position", path),

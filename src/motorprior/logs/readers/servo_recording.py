@@ -159,9 +159,7 @@ def _excited(
     series = dict(zip(_SERIES, columns, strict=True))
     gains = np.array(header["p_gains"])
     # motors of a robot may have gears behind them, which only the robot's file states
-    model = None
-    if header.get("pendulum"):
-        model = known_motor(header["motor"], series["supply_voltage"])
+    model = known_motor(header["motor"]) if header.get("pendulum") else None
     log = MotorLog(
         time=table[:, 0],
         position_target=series["position_target"],
