@@ -112,11 +112,14 @@ def residual_scale(
         errors: (T, M) errors of the motors [rad], from `replay_errors`.
         joint_vel: (T, M) simulated velocities [rad/s], which select the speed pool.
     """
-    half_band = 0.5 * (
-        percentiles[:, RESIDUAL_LEVELS.index(95)] - percentiles[:, RESIDUAL_LEVELS.index(5)]
-    )
-    share = np.abs(errors) / np.maximum(half_band[speed_pool(joint_vel)], _MIN_RESIDUAL)
+    share = np.abs(errors) / half_bands(percentiles)[speed_pool(joint_vel)]
     return np.clip(np.quantile(share, 0.9, axis=0), *_SCALE_BOUNDS)
+
+
+def half_bands(percentiles: np.ndarray) -> np.ndarray:
+    """(pools,) half widths of the 90 % bands [rad] of residuals with these percentiles."""
+    width = percentiles[:, RESIDUAL_LEVELS.index(95)] - percentiles[:, RESIDUAL_LEVELS.index(5)]
+    return np.maximum(0.5 * width, _MIN_RESIDUAL)
 
 
 def residual_growth(

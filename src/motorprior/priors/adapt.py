@@ -27,6 +27,7 @@ from motorprior.logs.command_modes import unmeasured_scales
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
 from motorprior.priors.fit_prior import MAX_ROWS, trained_on
+from motorprior.priors.foreign_torques import foreign_torques
 from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import PYTHON_WARNINGS, SILENT, Progress
 
@@ -64,8 +65,8 @@ def adapt(
         log: with load_inertia and external_torque, at the prior's sample period; a few seconds are
             enough, and of a long log two minutes per motor are used, as in `fit_prior`.
         allow_outliers: whether to adapt even if motors are outliers of the prior.
-        progress: receives the motors' errors on the log, and notes on weak and static motors; by
-            default warnings are Python warnings.
+        progress: receives the motors' errors on the log, foreign torques, and notes on weak and
+            static motors; by default warnings are Python warnings.
 
     Returns:
         The posterior, whose `MotorPosterior.sample` draws these motors.
@@ -82,7 +83,7 @@ def adapt(
     note_command_mode(prior, log, progress)
 
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
-        posterior = adapt_to(prior, log)
+        posterior = adapt_to(prior, log, progress)
         p_values, outlying_motors = outlier_test(prior, log, posterior)
         task.advance()
 
@@ -141,26 +142,33 @@ def _report_fit(
         progress.note(advice)
 
 
-def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
-    """Posterior of every motor of the log; a motor that did not move keeps its prior.
+def adapt_to(prior: MotorPrior, log: MotorLog, progress: Progress = SILENT) -> LatentPosterior:
+    """Posterior of every motor of the log.
 
-    Raises `LogError` as `adapt`.
+    A motor that did not move keeps its prior, and so does one on which a foreign torque acts, which
+    is reported (`foreign_torques`). The loss is that of the adapted motor. Raises `LogError` as
+    `adapt`.
     """
     recipe, data, losses = _recipe_data_and_losses(prior, log)
-    mean, std, predicted_misfit = prior.predicted(log)
+    predicted = prior.predicted(log)
+    mean, std, predicted_misfit = predicted
     posterior = fit_posterior(prior.model, data, recipe, losses.mean, prior=(mean, std))
 
-    static = ~moved(log)
-    prior_variance = std[static, :, None] ** 2
-    posterior.mean[static] = mean[static]
-    posterior.covariance[static] = prior_variance * np.eye(mean.shape[1])
+    keeps_prior = ~moved(log)
+    if isinstance(prior.model, GreyBox):
+        for torque in foreign_torques(prior, data, recipe, posterior, predicted, losses.mean):
+            keeps_prior[torque.index] = True
+            progress.warn(torque.text(log.joint_names[torque.index]))
+    prior_variance = std[keeps_prior, :, None] ** 2
+    posterior.mean[keeps_prior] = mean[keeps_prior]
+    posterior.covariance[keeps_prior] = prior_variance * np.eye(mean.shape[1])
     if not isinstance(prior.model, GreyBox):
         return posterior
 
     motors = prior.model.motors(posterior.mean)
     errors, velocity = replay_errors(motors, log, recipe_of(prior).nominal_conditions)
     residual_scales = residual_scale(prior.metrics.residuals, errors, velocity)
-    return replace(posterior, misfit=np.where(static, predicted_misfit, residual_scales))
+    return replace(posterior, misfit=np.where(keeps_prior, predicted_misfit, residual_scales))
 
 
 def outlier_test(

@@ -116,7 +116,7 @@ def validate(
     runs = free_runs(test, recipe)
     baseline_recipes(train, recipe)  # a log that is too short is an error before anything is fitted
     with progress.start(f"adapt to {train.num_joints} motors", 1) as task:
-        posterior = adapt_to(prior, train)
+        posterior = adapt_to(prior, train, progress)
         task.advance()
 
     models: dict[str, MotorModel] = {
