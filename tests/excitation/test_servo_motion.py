@@ -56,7 +56,7 @@ def test_a_joint_sweeps_and_holds_in_its_own_pose_and_steps_in_the_nominal_one()
         if name not in NAMES:
             continue
         index = NAMES.index(name)
-        pose = poses[index] if signal in ("sweep", "both ends") else SO101.nominal_pose
+        pose = poses[index] if signal in ("sweep", "holds at both ends") else SO101.nominal_pose
         others = np.arange(len(NAMES)) != index
         np.testing.assert_allclose(
             part.targets[:, others], np.tile(pose[others], (len(part.targets), 1))
@@ -85,7 +85,9 @@ def test_ways_are_slow_and_lead_by_the_nominal_pose():
 
 
 def test_a_joint_is_held_at_both_ends_of_its_motion():
-    (holds,) = [part.targets[:, 2] for part in parts_of() if part.name == "elbow_flex: both ends"]
+    (holds,) = [
+        part.targets[:, 2] for part in parts_of() if part.name == "elbow_flex: holds at both ends"
+    ]
     static = holds[:-1][np.diff(holds) == 0.0]
 
     assert set(np.round(static, 9)) == {-0.5, 0.5}

@@ -36,7 +36,7 @@ _MIN_PART = 1.0  # [s]
 # time of a hold of all joints [s]
 _HOLD = 1.0
 # parts of one joint, under load and in the nominal pose, and of all joints; shares of their time
-_LOADED = {"sweep": 0.25, "both ends": 0.25}
+_LOADED = {"sweep": 0.25, "holds at both ends": 0.25}
 _NOMINAL = {"chirp": 0.25, "steps": 0.25}
 _ALL = {"multisine": 0.4, "steps": 0.3, "holds": 0.3}
 
@@ -210,7 +210,7 @@ def _scaled(signal: str, rng: Rng, steps: int, period: float, reach: float) -> n
     values = _SIGNALS[signal](rng, steps, period)
     if signal == "sweep":
         return min(reach, 0.25 * _SWEEP_SPEED * steps * period) * values
-    if signal == "both ends":
+    if signal == "holds at both ends":
         return reach * values
     time = np.arange(steps) * period
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)
@@ -219,7 +219,7 @@ def _scaled(signal: str, rng: Rng, steps: int, period: float, reach: float) -> n
 
 _SIGNALS: dict[str, Signal] = {
     "sweep": _sweep,
-    "both ends": _both_ends,
+    "holds at both ends": _both_ends,
     "chirp": chirp,
     "steps": held_steps,
     "multisine": multisine,
