@@ -21,8 +21,6 @@ class QuickBus:
     counts = 65536
     load_unit = "1 N·m"
     current_unit = "1 A"
-    profile_resolution = 0.1
-    has_bus_watchdog = False
 
     def __init__(self, clock: Clock, ids: Sequence[int]):
         self.ids = tuple(ids)

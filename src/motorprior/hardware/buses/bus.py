@@ -89,16 +89,12 @@ class ServoBus(Protocol):
         counts: encoder counts per turn.
         load_unit: unit of loads.
         current_unit: unit of currents.
-        profile_resolution: smallest step of an acceleration [rad/s²].
-        has_bus_watchdog: whether servos can stop by themselves when their host is silent.
     """
 
     ids: tuple[int, ...]
     counts: int
     load_unit: str
     current_unit: str
-    profile_resolution: float
-    has_bus_watchdog: bool
 
     def scan(self, ids: Sequence[int]) -> list[ServoInfo]:
         """The servos with these ids that answer."""

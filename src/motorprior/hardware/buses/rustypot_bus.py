@@ -134,8 +134,6 @@ class RustypotBus:
         self.counts = family.counts
         self.load_unit = family.load_unit
         self.current_unit = family.current_unit
-        self.profile_resolution = family.acceleration_unit
-        self.has_bus_watchdog = family.watchdog_unit > 0.0
         self._speed_unit = family.speed_unit
         if family.fast_sync_read:
             self._controller.set_fast_sync_read(True)
@@ -270,7 +268,7 @@ class RustypotBus:
 
     def set_bus_watchdog(self, seconds: np.ndarray) -> None:
         """See `ServoBus`."""
-        if not self.has_bus_watchdog:
+        if not self.family.watchdog_unit:
             return
         units = np.rint(seconds / self.family.watchdog_unit).astype(int).tolist()
         for _ in range(_TRIES):
@@ -292,7 +290,7 @@ class RustypotBus:
         family = self.family
         off = [0] * len(infos)
         frame = self._frame("torque_enable", off)
-        if self.has_bus_watchdog:
+        if family.watchdog_unit:
             frame += self._frame("bus_watchdog", off)  # before goals, which it makes read-only
         limits = [round(family.full_torque * info.torque_limit) for info in infos]
         speeds = [round(info.profile_speed / family.profile_unit) for info in infos]
