@@ -165,14 +165,14 @@ COMMANDS = {
         "Excite and record the motors of a robot.",
         settings="motorprior.commands.record:Record",
         run="motorprior.commands.record:run_record",
-        common=("port", "virtual", "robot", "motor", "bar", "seconds", "standing"),
+        common=("port", "virtual", "robot", "motor", "bar", "seconds", "plan", "standing"),
         on_robot=True,
     ),
     "doctor": Command(
-        "Check a robot's telemetry; sends nothing without --idle.",
+        "Check a robot's telemetry, or the servos on its bus; writes nothing without --idle.",
         settings="motorprior.commands.doctor:Doctor",
         run="motorprior.commands.doctor:run_doctor",
-        common=("port", "virtual", "seconds", "idle"),
+        common=("port", "virtual", "robot", "motor", "seconds", "idle"),
         on_robot=True,
     ),
 }
