@@ -71,7 +71,7 @@ def test_the_doctor_states_one_servo(motorprior: Callable):
         ("record --robot so101 --virtual", "no terminal to confirm at"),
         ("record --robot so101 --plan --amplitude 1.5", "comes closer than 5 mm"),
         ("record --robot so101 --plan --free-space 0.3", "away from the base"),
-        ("record --robot so101 --plan --free-space -1", "free_space"),
+        ("record --robot so101 --plan --free-space -1", "--free-space -1 is not"),
         ("record --free-space 0.3 --virtual --yes", "--free-space has no effect"),
     ],
 )

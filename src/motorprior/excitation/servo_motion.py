@@ -83,7 +83,7 @@ def motion_range(
         )
     reach = np.minimum(amplitude, room)
     lowest = lower + _MARGIN + reach
-    highest = upper - _MARGIN - reach
+    highest = np.maximum(lowest, upper - _MARGIN - reach)  # equal, but for rounding, without room
     pose = np.zeros(len(names)) if nominal is None else nominal
     return MotionRange(lowest, highest, np.clip(pose, lowest, highest), reach)
 

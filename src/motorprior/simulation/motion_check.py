@@ -88,7 +88,8 @@ class PoseCheck:
             if are_neighbours and self._floor not in (first, second):
                 continue
             if self._distance(first, second, CLEARANCE) >= CLEARANCE:
-                pairs.append((first, second))
+                # messages name the table last
+                pairs.append((second, first) if first == self._floor else (first, second))
         return pairs
 
     def _move(self, pose: np.ndarray) -> None:
