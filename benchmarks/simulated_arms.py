@@ -39,7 +39,7 @@ from motorprior.actuator.estimates import MAX_RATIO
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_json, write_json
-from motorprior.identification.physics import estimate_uncertainty, refinement
+from motorprior.identification.physics import estimate_profiles, refinement
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.identification.windows import training_data
@@ -47,7 +47,7 @@ from motorprior.priors.fit_prior import fit_recipe
 
 # relative rise of the loss below which a profile is flat: less than the model's error allows within
 # a 90 % interval
-FLAT = estimate_uncertainty.MODEL_ERROR
+FLAT = estimate_profiles.MODEL_ERROR
 RESULT = "result.json"
 
 
@@ -179,7 +179,7 @@ def flat_profiles(prior: mp.MotorPrior, log: mp.MotorLog) -> dict[str, bool]:
     assert isinstance(prior.model, GreyBox)
     is_flat = {}
     first = np.array([0])
-    for name, rises in estimate_uncertainty.profile_rises(
+    for name, rises in estimate_profiles.profile_rises(
         prior.model, prior.mean, longer, MAX_RATIO**0.5, first
     ).items():
         is_flat[name] = bool(rises.min() < FLAT)

@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.constants import Estimate
 from motorprior.actuator.estimates import (
     COMBINATIONS,
+    MAX_BOUND,
     MAX_RATIO,
     SCORE,
     Estimates,
@@ -15,7 +17,7 @@ from motorprior.actuator.estimates import (
     is_identified,
     value_at,
 )
-from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.geared_motor_step import MAX_DELAY, PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -59,6 +61,25 @@ def test_a_constant_is_identified_if_its_interval_is_narrower_than_the_factor():
 
     assert estimates(0.99 * limit).identified(values, ())["kp"].all()
     assert not estimates(1.01 * limit).identified(values, ())["kp"].any()
+
+
+def test_an_interval_of_what_the_log_does_not_say_is_open():
+    values = alike(1.0)
+    limit = np.log(MAX_BOUND) / SCORE
+
+    low, high = estimates(0.99 * limit).ends(values, ())["kp"]
+    np.testing.assert_allclose([low[0], high[0]], [1.0 / MAX_BOUND, MAX_BOUND], rtol=0.05)
+
+    low, high = estimates(1.01 * limit).ends(values, ())["kp"]
+    assert (low[0], high[0]) == (0.0, np.inf)
+    assert str(Estimate(1.0, low[0], high[0], False)) == "not identified"
+
+
+def test_a_delay_has_no_bound_beyond_the_delay_line():
+    low, high = estimates(0.5).ends(alike(0.9 * MAX_DELAY), ())["delay"]
+
+    assert low[0] > 0.0
+    assert np.isinf(high[0])
 
 
 def test_a_ratio_is_identified_while_its_parts_are_not():

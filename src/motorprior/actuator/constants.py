@@ -59,6 +59,8 @@ class Estimate(NamedTuple):
     def __str__(self) -> str:
         if self.is_identified:
             return f"{self.value:.3g} ({_interval(self.low, self.high)})"
+        if self.low == 0.0 and np.isinf(self.high):
+            return "not identified"
         return f"not identified ({_interval(self.low, self.high)})"
 
 
@@ -90,7 +92,7 @@ class ConstantSummary(NamedTuple):
 
 def _interval(low: float, high: float) -> str:
     if np.isinf(high):
-        return "no bound" if low == 0.0 else f"≥ {low:.3g}"
+        return f"≥ {low:.3g}"
     return f"{low:.3g} to {high:.3g}" if low else f"≤ {high:.3g}"
 
 

@@ -12,6 +12,9 @@ stiffness, be open above.
 
 A constant is *identified* if the upper end of its marginal 90 % interval is less than MAX_RATIO
 times the lower end. A signed constant is identified if its interval is narrower than one unit.
+
+Ends that are further away than the factor MAX_BOUND are no bounds: the logs say nothing of such a
+constant, and its interval is open to both sides. Nor is a delay beyond MAX_DELAY a bound.
 """
 
 from collections.abc import Mapping
@@ -19,12 +22,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.geared_motor_step import MAX_DELAY, parameters_of
 from motorprior.actuator.optional_terms import SIGNED
 
 # Maximum ratio of the ends of the 90 % interval of an identified constant. A constant with this
 # ratio is known within ±41 %: enough to tell motors apart that differ as much as makes do.
 MAX_RATIO = 2.0
+# Maximum ratio of v + s between an end of an interval and the estimate. Makes differ by less.
+MAX_BOUND = 10.0
 SCORE = 1.6449  # standard normal score of the ends of a 90 % interval
 LIMITS = (
     "torque_limit",
@@ -126,6 +131,12 @@ class Estimates:
                 ends[name][1, is_open] = np.inf
                 has_no_effect = is_open & (values[name] >= reached)
                 ends[name][0, has_no_effect] = reached[has_no_effect]
+            elif name not in SIGNED:
+                says_nothing = score * std > np.log(MAX_BOUND)
+                ends[name][0, says_nothing] = 0.0
+                ends[name][1, says_nothing] = np.inf
+            if name == "delay":
+                ends[name][1, ends[name][1] > MAX_DELAY] = np.inf
         return ends
 
     def fitted(self, terms: tuple[str, ...]) -> tuple[str, ...]:

@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.estimates import coordinate, value_at
+from motorprior.actuator.estimates import Estimates, coordinate, value_at
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.physics.estimate_uncertainty import _Coordinates, estimates_of
+from motorprior.identification.physics.estimate_coordinates import Coordinates
+from motorprior.identification.physics.estimate_profiles import MODEL_ERROR, with_fit
+from motorprior.identification.physics.estimate_uncertainty import estimates_of
 from motorprior.identification.physics.motor_problem import (
     INITIAL_MOTOR,
     TORQUES,
@@ -20,6 +22,7 @@ from motorprior.identification.physics.motor_problem import (
 )
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.search import Fit
 from motorprior.identification.windows import POS, READING, VEL, TrainingData
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -180,10 +183,39 @@ def test_half_widths_hold_a_value_to_both_sides(
     column = PARAMETERS.index("backlash")
     value = wide_box.constants(CENTRAL)["backlash"]
     size = share * value
-    coordinates = _Coordinates(wide_box, runs, CENTRAL, {"backlash": size})
+    coordinates = Coordinates(wide_box, runs, CENTRAL, {"backlash": size})
 
     scale = coordinates.scale[:, column]
     y = coordinate("backlash", value, scale)
     width = coordinates.half_width(column, size)
     assert value_at("backlash", y - width, scale) <= np.maximum(value - size, 0.0) + 1e-12
     assert value_at("backlash", y + width, scale) >= value + size - 1e-12
+
+
+@pytest.mark.parametrize(
+    ("rise", "is_held"), [(0.5 * MODEL_ERROR, True), (2.0 * MODEL_ERROR, False)]
+)
+def test_intervals_hold_another_fit_only_if_its_loss_is_almost_the_same(
+    wide_box: GreyBox, noisy_data: TrainingData, rise: float, is_held: bool
+):
+    coordinates = Coordinates(wide_box, WindowRuns(noisy_data, PRESET), CENTRAL, {})
+    size = len(PARAMETERS)
+    free = np.arange(size)
+    estimates = Estimates(0.01**2 * np.eye(size)[None], coordinates.scale)
+    kp = PARAMETERS.index("kp")
+    x = CENTRAL + np.log(3.0) * (free == kp)
+    loss = np.array([1.0 + rise])
+    fit = Fit(x, loss, loss)
+
+    wider = with_fit(estimates, coordinates, free, np.ones(1), fit, np.array([0]))
+
+    values = wide_box.constants(CENTRAL)
+    low, high = wider.ends(values, ())["kp"] / values["kp"]
+    assert bool(high[0] >= 3.0 * (1.0 - 1e-6)) == is_held
+    assert bool(wider.identified(values, ())["kp"][0]) != is_held
+    # other constants did not change
+    for name in ("armature", "delay"):
+        np.testing.assert_allclose(
+            wider.ends(values, ())[name], estimates.ends(values, ())[name], rtol=1e-6
+        )
+    assert low[0] <= 1.0

@@ -37,7 +37,7 @@ from motorprior.identification.physics.descents import (
     STEPS,
     reachable,
 )
-from motorprior.identification.physics.estimate_uncertainty import MODEL_ERROR
+from motorprior.identification.physics.estimate_profiles import MODEL_ERROR
 from motorprior.identification.physics.motor_problem import fixed_constants
 from motorprior.identification.physics.population_fit import fit_from_samples
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
