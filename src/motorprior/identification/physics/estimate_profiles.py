@@ -5,8 +5,8 @@ with each other can be far away from the fit at almost the same loss, in a valle
 optima. Other fits find them:
 
 - A constant that seems identified is fixed at the ends of its interval, and the others are fitted
-  again. They start where the joint covariance expects them. If the scale of torques is not known,
-  they also start where all torques in front of the gear have the same factor as the constant.
+  again. They start where the joint covariance expects them. If kp is fitted, they also start where
+  all torques have the same factor as the constant.
 - The play of a gear is not fitted if the encoders are on the rotors. All constants are fitted again
   with other plays.
 
@@ -30,16 +30,16 @@ from motorprior.identification.physics.motor_problem import (
     motor_search,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.presets import GEAR
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
 
 # Share by which the loss may rise within a 90 % interval. Chosen on simulated arms other than those
 # of the reported coverage (benchmarks/simulated_arms.py).
 MODEL_ERROR = 0.07
 MAX_PROFILE_FACTOR = 10.0  # maximum factor of a profile on a standard deviation
-# Plays [rad] that are tried with encoders on the rotors: each row from the fit, and each play from
-# the play before it. On the way back, constants may be in another valley.
-PLAYS = ((0.0075, 0.004, 0.0001, 0.004, 0.0075), (0.03,))
+# Plays [rad] that are tried with encoders on the rotors: from half of the initial motor's to none
+# and back, and its double. Each row starts from the fit, and each play from the play before it. On
+# the way back, constants may be in another valley.
+PLAYS = ((0.0075, 0.00375, 0.0001, 0.00375, 0.0075), (0.03,))
 _STEPS = ((6, WIDE), (4, NARROW))
 
 
@@ -188,8 +188,8 @@ def _starts(
 ) -> list[np.ndarray]:
     """Unknowns (M, K) with the coordinate of one constant moved by ``change`` (M,).
 
-    The others follow as the covariance expects. Torques in front of the gear also follow in
-    proportion, if kp is fitted.
+    The others follow as the covariance expects. Of a torque, all torques also follow in proportion,
+    if kp is fitted.
     """
     moved, real_change = coordinates.moved(column, change)
     expected = coordinates.x.copy()
@@ -202,8 +202,7 @@ def _starts(
             expected[:, other], _ = coordinates.moved(other, follows)
 
     names = np.array(coordinates.names)
-    is_scaled = np.isin(names, TORQUES) & ~np.isin(names, GEAR)
-    is_scaled &= np.isin(np.arange(len(names)), free)
+    is_scaled = np.isin(names, TORQUES) & np.isin(np.arange(len(names)), free)
     if not (is_scaled[column] and is_scaled[coordinates.names.index("kp")]):
         return [expected]
     log_factor = moved - coordinates.x[:, column]
