@@ -55,7 +55,7 @@ class Settings:
 
     out: Path  # run folder
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)  # seeds of the demo
-    options: str = ""  # further options of the demo, such as "--motors 12 --walks 2"
+    options: str = ""  # further options of the demo, as in --options="--motors 12 --walks 2"
 
 
 def compute(settings: Settings) -> dict[str, float]:

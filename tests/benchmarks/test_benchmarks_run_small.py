@@ -35,7 +35,7 @@ SMALL_RUNS = {
     ),
     "command_modes": SmallRun("--out {out} --mit 1 --torque 1 --seconds 4"),
     "demo_seeds": SmallRun(
-        "--out {out} --seeds 0 1 --options '--motors 12 --bench-steps 1500 --adam-steps 30 "
+        "--out {out} --seeds 0 1 '--options=--motors 12 --bench-steps 1500 --adam-steps 30 "
         "--iterations 1 --directions 2 --walks 2'",
         files=("figures.json", "table.md"),
     ),
