@@ -11,6 +11,7 @@ from motorprior.bench.dynamometer import BENCH
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.presets import identification_preset
+from motorprior.logs.bench_names import bench_names
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.readers.motor_log_file import read_parquet
@@ -89,7 +90,8 @@ def training_log(paths: Sequence[Path], progress: Progress) -> tuple[MotorLog, d
     logs = [read_parquet(path) for path in paths]
     log = joined(logs)
     warn_about_cut_logs(logs, log, progress)
-    if log.robot == BENCH:
+    # a user's robot may have the name of a bench
+    if log.robot == BENCH and log.joint_names == bench_names(log.num_joints):
         raise LogError(
             f"the log of a bench without its {BENCH_JSON}",
             where=first,
