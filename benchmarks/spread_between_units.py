@@ -21,7 +21,7 @@ one. A rerun resumes, and every round writes
     table.md        time upright and speed of all cells, and the differences
     spread.png      time upright and speed against the spread between units
 
-Sixteen minutes on two cores for one policy in every cell of one bench.
+About a minute and a half of two cores per policy.
 """
 
 from collections import Counter, defaultdict

@@ -20,6 +20,8 @@ OUT = ("--out", "x")
         (("identify", "a.parquet", *OUT, "--presett=quick"), ("--presett", "mean --preset?")),
         (("walk", "--motors", "pd", *OUT, "--no-symetric"), ("mean --no-symmetric?",)),
         (("walk", "--motors", "pd", *OUT, "--task.aliv", "1"), ("mean --task.alive?",)),
+        # a setting that is given without its name
+        (("identify", "--logs", "a.parquet", *OUT), ("--logs", "without --logs")),
         # an option of other commands
         (("identify", "a.parquet", *OUT, "--virtual"), ("--virtual", "record", "deploy")),
         # neither

@@ -16,19 +16,30 @@ def unknown_word(command: Command, words: Sequence[str], unknown: str) -> Config
         return _stray_value(options, words, unknown)
 
     option = unknown.partition("=")[0]
-    others = [
-        name
-        for name, other in available_commands().items()
-        if option in _options(other.load_settings())
-    ]
     nearest = get_close_matches(option, options, 1, 0.75)
-    if nearest:
+    if nearest and nearest[0].removeprefix("--").replace("-", "_") in command.positional:
+        remedy = f"give the values without {nearest[0]}"
+    elif nearest:
         remedy = f"did you mean {nearest[0]}?"
-    elif others:
-        remedy = f"it is an option of {listed(others, 4)}; --help-all lists the options"
     else:
+        others = _commands_with(option)
         remedy = "--help-all lists the options"
+        if others:
+            remedy = f"it is an option of {listed(others, 4)}; {remedy}"
     return ConfigError(f"no option {option}", remedy=remedy)
+
+
+def _commands_with(option: str) -> list[str]:
+    """Names of the commands that have an option."""
+    names = []
+    for name, command in available_commands().items():
+        try:
+            settings = command.load_settings()
+        except ModuleNotFoundError:  # a command for Linux and macOS, on Windows
+            continue
+        if option in _options(settings):
+            names.append(name)
+    return names
 
 
 def _stray_value(options: dict[str, Any], words: Sequence[str], unknown: str) -> ConfigError:

@@ -202,6 +202,12 @@ def _plan(
     names = recorded.joint_names
     nominal = None if robot is None else robot.nominal_pose
     has_model = robot is not None and find_spec("mujoco") is not None
+    if config.free_space is not None and not has_model:
+        raise ConfigError(
+            "free_space cannot be checked: MuJoCo is not installed",
+            remedy="pip install mujoco, or omit it",
+            argument="free_space",
+        )
     if robot is not None and not has_model:
         show(
             "MuJoCo is not installed: collisions are not checked, and joints move about the "

@@ -1,4 +1,4 @@
-"""The servo bus of a robot or a single motor, real or virtual, for the command record."""
+"""The servo bus of a robot or a single motor, real or virtual, for record and doctor."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

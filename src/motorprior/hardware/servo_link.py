@@ -116,7 +116,7 @@ def scanned(bus: ServoBus, chain: ServoChain) -> list[ServoInfo]:
                 "torque on",
                 f"servo {info.id} holds its position",
                 remedy="put the robot where it rests by itself, and switch its power off and on, "
-                "or use motorprior doctor --idle",
+                "or use motorprior doctor --idle with the same --robot or --motor",
             )
     return infos
 

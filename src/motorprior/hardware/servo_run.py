@@ -175,6 +175,9 @@ class _Run:
     settings: ServoSettings
     stop: Sequence[str]  # names of the signals received so far; the run ends at the first
     show: Print
+    # poses of the way back to rest [rad]: the way between rest and the first pose of the motion is
+    # the only one that leads out of it
+    way_back: list[np.ndarray] = field(default_factory=list)
 
     def go(self, plan: Plan) -> None:
         link = self.link
@@ -194,6 +197,7 @@ class _Run:
         confirm_arming(self.stop, self.settings.yes, _HOW_TO_STOP, self.show)
 
         rest = np.clip(link.pos, link.joints.lower, link.joints.upper)
+        self.way_back = [rest]
         in_time = real_time() if isinstance(link.clock, MonotonicClock) else nullcontext()
         outcome = "time"
         message = ""
@@ -204,7 +208,7 @@ class _Run:
             fault = fault_of(error)
             outcome = fault.name
             message = str(error)
-            self._end_after(fault, rest)
+            self._end_after(fault)
             raise
         finally:
             link.release()
@@ -221,6 +225,7 @@ class _Run:
         link.arm()
         self._first_motions(rest)
         link.allow_full_torque()
+        self.way_back = [parts[0].targets[0], rest]
         for number, part in enumerate(parts):
             if self.stop:
                 self.show(f"stopped by {self.stop[0]}; back to rest")
@@ -231,7 +236,11 @@ class _Run:
                 if self.stop:
                     break
                 link.step(target, Mode.EXCITE, number, link.limits.target_speed)
-        self._ramp(rest, Mode.CROUCH)
+        self._return_to_rest()
+
+    def _return_to_rest(self) -> None:
+        for pose in self.way_back:
+            self._ramp(pose, Mode.CROUCH)
 
     def _first_motions(self, rest: np.ndarray) -> None:
         """Move each joint a little with little torque; raises RobotFault if one does not follow."""
@@ -271,11 +280,11 @@ class _Run:
             # the ramp keeps to its speed itself; the gate only stops jumps
             link.step(start + share * (goal - start), mode, -1, 2.0 * speed)
 
-    def _end_after(self, fault: RobotFault, rest: np.ndarray) -> None:
+    def _end_after(self, fault: RobotFault) -> None:
         """Return to rest, or sink, after a fault; the torque is switched off afterwards."""
         if fault.safe_state == "crouch":
             try:
-                self._ramp(rest, Mode.CROUCH)
+                self._return_to_rest()
                 return
             except Exception:  # the first fault is reported
                 pass

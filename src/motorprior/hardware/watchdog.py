@@ -21,7 +21,8 @@ class Watchdog:
     """A running watchdog process, see `watchdog_process`; raises RobotFault if it does not start.
 
     It inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between
-    heartbeats [s]. ``idle_frame`` are the bytes that remove the current from the motors.
+    heartbeats [s]. ``idle_frame`` are the bytes that remove the current from the motors and, on a
+    servo bus, restore the registers.
     """
 
     def __init__(self, port: int, timeout: float, idle_frame: bytes):

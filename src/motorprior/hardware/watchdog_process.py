@@ -1,6 +1,6 @@
 """The watchdog process: sends idle when the host is silent or dead.
 
-The firmware has no watchdog: a robot whose host dies holds its last target. So a second process
+Most firmware has no watchdog: a robot whose host dies holds its last target. So a second process
 inherits the open port and the read end of a pipe. The host writes a heartbeat per control step;
 when the pipe ends (the host died) or stays empty for ``timeout`` (it hangs), this process takes
 over the port. It uses only the standard library, and has a session of its own and ignores signals,

@@ -1,4 +1,4 @@
-"""Check of a planned motion in the robot's model: collisions with itself, the table, the room."""
+"""Check of a planned motion in the robot's model: collisions, and the space that is free."""
 
 from collections.abc import Sequence
 from itertools import combinations

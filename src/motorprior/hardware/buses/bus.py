@@ -1,4 +1,4 @@
-"""The interface of a servo bus. A bus is one file: a `ServoBus` and its entry in `registry`."""
+"""The interface of a servo bus. A bus is one file, and an entry with its opener in `registry`."""
 
 import time
 from collections.abc import Sequence

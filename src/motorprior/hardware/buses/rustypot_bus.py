@@ -62,8 +62,13 @@ class ServoFamily:
         Raises RobotFault if the port cannot be opened, or none of the ``ids`` answers.
         """
         rates = self.baud_rates if baud_rate is None else (baud_rate,)
-        for rate in rates:
-            bus = RustypotBus(self, port, rate, clock, timeout)
+        for number, rate in enumerate(rates):
+            try:
+                bus = RustypotBus(self, port, rate, clock, timeout)
+            except RobotFault:
+                if number == 0:  # the port itself, and not a rate that it does not have
+                    raise
+                continue
             if bus.hears_one_of(ids):
                 return bus
             bus.close()
@@ -271,9 +276,10 @@ class RustypotBus:
         if not self.family.watchdog_unit:
             return
         units = np.rint(seconds / self.family.watchdog_unit).astype(int).tolist()
-        for _ in range(_TRIES):
-            self._write("bus_watchdog", [0] * len(self.ids))  # clears the state of a stopped servo
-            self._write("bus_watchdog", units)
+        off = [0] * len(self.ids)  # clears the state of a stopped servo
+        for values in (off, units):
+            for _ in range(_TRIES):
+                self._write("bus_watchdog", values)
 
     def _write(self, quantity: str, values: list[int]) -> None:
         name = self.family.registers[quantity]
