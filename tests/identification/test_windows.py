@@ -194,8 +194,17 @@ def test_a_rare_gain_keeps_all_of_its_rows():
     data = training_data(a_log([300] * 30), PRESET, "x")
     data = with_conditions(data, KP, (*[10.0] * 29, 1.0))
 
-    # the remainder of a segment is shorter than a piece
-    assert chosen_rows(subsampled(data, PRESET, 3000), KP)[1.0] >= 200
+    assert chosen_rows(subsampled(data, PRESET, 3000), KP)[1.0] >= 290
+
+
+def test_loads_that_are_recorded_at_every_gain_are_groups():
+    data = training_data(a_log([3000] * 4), PRESET, "x")
+    data = with_conditions(data, KP, (1.0, 1.0, 2.0, 2.0))
+    data = with_conditions(data, INERTIA, (0.25, 2.0, 0.25, 2.0))
+
+    rows = chosen_rows(subsampled(data, PRESET, 4000), INERTIA)
+
+    assert rows[0.25] == pytest.approx(rows[2.0], rel=0.1)
 
 
 def test_more_gains_than_pieces_are_spread_over_the_gains():
@@ -286,7 +295,7 @@ def test_the_used_seconds_are_those_of_the_whole_log_and_unused_runs_are_named()
     used, total = (float(word) for word in text.split(";")[0].split() if word[0].isdigit())
     assert total == pytest.approx(0.002 * log.num_rows, abs=0.05)
     assert used < total * 2 / 3
-    assert text.endswith("shorter than 1.08 s, not used: d; not used, since others move more: b")
+    assert text.endswith("shorter than 1.08 s, not used: d; not chosen: b")
 
 
 def test_runs_of_a_log_with_several_runs_are_named_by_number():

@@ -395,9 +395,12 @@ def subsampled(data: TrainingData, recipe: Recipe, rows: int) -> TrainingData:
     pieces = []
     of_segment = []
     for index, segment in enumerate(data.segments):
-        piece_rows = min(length, segment.stop - segment.start)
-        if piece_rows < shortest:
+        segment_rows = segment.stop - segment.start
+        if segment_rows < shortest:
             continue
+        piece_rows = min(length, segment_rows)
+        if gain.any():  # no remainder, which a rare gain may need
+            piece_rows = segment_rows // (segment_rows // piece_rows)
         for first in range(segment.start, segment.stop - piece_rows + 1, piece_rows):
             pieces.append(slice(first, first + piece_rows))
             of_segment.append(index)
@@ -427,10 +430,10 @@ def _groups(
     """Indices of the pieces of segments ``of_segment`` (P,), by gain and group.
 
     The groups of a gain have one load and one range of operating conditions each. Loads are ignored
-    if the groups were more than ``max_groups`` or half of the segments, as on a bench with another
-    load in every segment; operating conditions likewise. More than ``max_groups`` gains count as
-    one, whose pieces are in order of their gains. ``gain`` (S,) is the index of the gains of each
-    segment.
+    if there are more than half as many as segments, as on a bench with another load in every
+    segment, or if the groups were more than ``max_groups``; operating conditions likewise. More
+    than ``max_groups`` gains count as one, whose pieces are in order of their gains. ``gain`` (S,)
+    is the index of the gains of each segment.
     """
     order = np.argsort(gain[of_segment], kind="stable")
     segment = of_segment[order]
@@ -438,10 +441,10 @@ def _groups(
         gain = np.zeros_like(gain)
 
     group = gain
-    max_groups = min(max_groups, len(group) // 2)
     for key in (_distinct(_constant_loads(data)), _distinct(_condition_ranges(data))):
         finer = _distinct(np.column_stack([group, key]))
-        if len(np.unique(finer[segment])) <= max_groups:
+        is_repeated = len(np.unique(key[segment])) <= len(key) // 2
+        if is_repeated and len(np.unique(finer[segment])) <= max_groups:
             group = finer
 
     groups = []
@@ -568,5 +571,5 @@ def used_seconds_text(data: TrainingData, recipe: Recipe, log: MotorLog) -> str:
         shortest_seconds = shortest * recipe.period
         text += f"; shorter than {shortest_seconds:.2f} s, not used: {listed(too_short, 3)}"
     if not_chosen:
-        text += f"; not used, since others move more: {listed(not_chosen, 3)}"
+        text += f"; not chosen: {listed(not_chosen, 3)}"
     return text

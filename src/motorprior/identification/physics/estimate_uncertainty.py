@@ -74,9 +74,10 @@ def estimates_of(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> Estimates:
         for column, min_std in min_stds.items():
             covariance[motor] = _with_min_std(covariance[motor], column, min_std[motor])
     estimates = Estimates(covariance, coordinates.scale)
+    estimates = profiled(search, coordinates, estimates, free, losses)
     if runs.at_rotor:
         estimates = with_other_plays(model, runs, coordinates, estimates, free, losses)
-    return profiled(search, coordinates, estimates, free, losses)
+    return estimates
 
 
 def joint_covariance(curvature: np.ndarray, scores: np.ndarray, loss: float) -> np.ndarray:
