@@ -109,7 +109,10 @@ def test_a_soft_servo_in_rich_motion_is_identified():
 
     assert claimed_wrongly(prior, servo) == []
     assert prior.constants()["kp"].identifiable
-    assert prior.constants()["delay"].identifiable
+    # noise of reading is most of the loss, so that other torques allow other delays
+    delay = prior.constants()["delay"].estimate
+    assert delay is not None
+    assert delay.low <= servo.delay <= delay.high <= 3.0 * delay.low
 
 
 @pytest.mark.slow
