@@ -1,5 +1,6 @@
 """Static joints, and joints in contact, keep their prior; misfit is the scale of residuals."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from motor_logs import log_of
 
+import motorprior as mp
 from motorprior.actuator.fit_metrics import (
     RESIDUAL_LEVELS,
     SPEED_POOLS,
@@ -19,7 +21,7 @@ from motorprior.bench.dynamometer import run, trial_of
 from motorprior.evaluation.training_errors import residual_scale
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import moved
+from motorprior.logs.operations import joined, moved
 from motorprior.priors.adapt import adapt_to
 from motorprior.progress import Note, Progress
 
@@ -93,21 +95,56 @@ def adapted(prior: MotorPrior, log: MotorLog) -> tuple[np.ndarray, list[str]]:
     return mean, [note.text for note in notes if note.severity == "warning"]
 
 
-@pytest.mark.parametrize("yielding", [0.0, 0.3], ids=["hard", "soft"])
-def test_a_joint_in_contact_keeps_its_prior_and_is_named(prior: MotorPrior, yielding: float):
+def log_in_contact(prior: MotorPrior, yielding: float = 0.0) -> MotorLog:
+    """A log whose second joint touches a table, into which it moves by a share of the depth."""
     log = log_of_motors(prior, np.zeros((2, 3)))
     angle = log.joint_pos.copy()
     table = np.quantile(angle[:, 1], 0.7)
     depth = np.maximum(angle[:, 1] - table, 0.0)
     angle[:, 1] -= (1.0 - yielding) * depth
+    return replace(log, joint_pos=angle)
 
-    mean, warnings = adapted(prior, replace(log, joint_pos=angle))
+
+@pytest.mark.parametrize("yielding", [0.0, 0.3], ids=["hard", "soft"])
+def test_a_joint_in_contact_keeps_its_prior_and_is_named(prior: MotorPrior, yielding: float):
+    log = log_in_contact(prior, yielding)
+
+    mean, warnings = adapted(prior, log)
 
     np.testing.assert_array_equal(mean[1], prior.predicted(log).mean[1])
     assert np.any(mean[0] != prior.predicted(log).mean[0])
     assert len(warnings) == 1
     assert "FR_calf: for" in warnings[0]
     assert "contact" in warnings[0]
+    assert "s after the start of its recording" in warnings[0]
+
+
+def test_a_joint_in_contact_is_no_outlier(prior: MotorPrior):
+    log = log_in_contact(prior)
+    with pytest.warns(UserWarning, match="FR_calf: for .* the joint keeps the prior"):
+        posterior = mp.adapt(prior, log)
+
+    np.testing.assert_array_equal(posterior.mean[1], prior.predicted(log).mean[1])
+    assert posterior.outlier_p_value[1] == 1.0
+
+
+def test_joined_recordings_have_no_common_time_of_contact(prior: MotorPrior):
+    log = log_in_contact(prior)
+
+    _, warnings = adapted(prior, joined([log, log]))
+
+    assert len(warnings) == 1
+    assert re.search(r"FR_calf: for [\d.]+ s at ", warnings[0])
+
+
+def test_a_joint_without_torque_is_not_in_contact(prior: MotorPrior):
+    log = log_of_motors(prior, np.zeros((2, 3)))
+    angle = log.joint_pos * np.array([1.0, 0.0])
+    target = log.position_target + np.array([0.0, 0.6])
+
+    _, warnings = adapted(prior, replace(log, joint_pos=angle, position_target=target))
+
+    assert warnings == []
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -52,6 +52,21 @@ def test_the_warning_states_how_much_lower_kp_is_at_the_output(kp: float, regist
     assert "output_encoder" in note.text
 
 
+def test_rows_without_position_control_do_not_count():
+    z = np.zeros((1, len(PARAMETERS)))
+    data = data_of(20.0)
+    frames = np.ones((1, 10, channel.FRAME_CHANNELS), np.float32)
+    series = np.concatenate([data.series, frames], axis=2)
+    series[:, 3:, channel.KP] = 1.0
+    series[:, 3:, channel.KP_FACTOR] = 0.0
+
+    model = a_model(0.5, 90.0)
+    passive = replace(data, series=series)
+    (note,) = encoder_notes(model, z, passive, PRESETS["quick"], NONE_FIXED)
+
+    assert "is 10 % lower" in note.text
+
+
 @pytest.mark.parametrize(
     ("stiffness", "fields", "fixed"),
     [

@@ -302,6 +302,42 @@ def test_torque_and_velocity_commands_are_joined_as_velocity_commands():
     assert [gain_factors(part)[1, 0, 0] for part in whole.segments()] == [0.0, 1.0]
 
 
+@pytest.mark.parametrize(
+    ("modes", "missing"),
+    [
+        (("position", "torque"), "kp and kd"),
+        (("position", "velocity"), "kp and kd"),
+        (("mit", "torque"), "kp and kd"),
+        (("velocity", "torque"), "kd"),
+    ],
+)
+def test_logs_of_other_modes_need_the_gains_that_are_0_in_some(
+    modes: tuple[str, str], missing: str
+):
+    none = dict.fromkeys(("velocity_target", "torque_feedforward", "logged_kp", "logged_kd"))
+    column = np.ones((ROWS, 1))
+    commands = {
+        "position": {},
+        "mit": {"velocity_target": column},
+        "velocity": {"velocity_target": column},
+        "torque": {"torque_feedforward": column},
+    }
+    logs = [mit_log(**none | commands[mode] | {"command_mode": mode}) for mode in modes]
+
+    with pytest.raises(LogError) as refused:
+        joined(logs)
+
+    assert f"{' and '.join(modes)} commands, and no log has {missing}" in str(refused.value)
+    assert str(refused.value.remedy).startswith(f"give {missing} of every log that uses them")
+
+
+def test_position_and_mit_commands_need_no_gains():
+    none = dict.fromkeys(("torque_feedforward", "logged_kp", "logged_kd"))
+    position = mit_log(**none | {"velocity_target": None, "command_mode": "position"})
+
+    assert joined([position, mit_log(**none)]).command_mode == "mit"
+
+
 def test_a_log_without_gains_is_not_joined_to_a_log_with_gains():
     position = log_of(TIME, np.sin(5.0 * TIME), joint_names=("b",))
     with pytest.raises(LogError, match="logged_kp"):

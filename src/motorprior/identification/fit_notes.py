@@ -83,7 +83,10 @@ def encoder_notes(
         return []
 
     values = model.constants(z)
-    kp = values["kp"] * np.median(data.series[..., channel.KP], axis=1)
+    logged = np.ma.array(data.series[..., channel.KP])
+    if data.series.shape[-1] > channel.CHANNELS:  # rows without position control have no kp
+        logged[data.series[..., channel.KP_FACTOR] == 0.0] = np.ma.masked
+    kp = values["kp"] * np.ma.median(logged, axis=1).filled(0.0)
     share = float(np.median(kp / (kp + values["gear_stiffness"])))
     if share < _MIN_TWIST:
         return []

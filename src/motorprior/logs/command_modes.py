@@ -25,6 +25,8 @@ _EXCLUDED = {
     "velocity": ("logged_kp",),
     "torque": ("velocity_target", "logged_kp", "logged_kd"),
 }
+# gains without which logs of several modes cannot share the mode: in some of them, they are 0
+_SHARED_GAINS = {"mit": ("logged_kp", "logged_kd"), "velocity": ("logged_kd",)}
 
 
 def check_command_mode(log: Log, where: str | Path | None) -> None:
@@ -60,16 +62,42 @@ def in_common_mode(logs: Sequence[Log]) -> list[Log]:
 
     It is MIT mode if a log has position targets, else velocity mode. Logs of one mode differ by
     velocity targets and feed-forward torques only: those that were always 0 are not read.
+
+    Raises `LogError` for logs of several modes, some without position or velocity control, that
+    all lack a gain.
     """
     modes = {log.command_mode for log in logs}
     mode = "mit" if modes & {"position", "mit"} else "velocity"
     if len(modes) == 1:
         (mode,) = modes
+    elif modes & {"velocity", "torque"}:
+        _require_shared_gains(logs, mode)
     # gains that the mode has, if any log has them
     names = [name for name in ("logged_kp", "logged_kd") if name not in _EXCLUDED.get(mode, ())]
     names += ["velocity_target", "torque_feedforward"]
     present = [name for name in names if any(getattr(log, name) is not None for log in logs)]
     return [_in_mode(log, mode, present) for log in logs]
+
+
+def _require_shared_gains(logs: Sequence[Log], mode: str) -> None:
+    """Raise LogError if no log has a gain that is 0 in some of them.
+
+    Gains that are not logged count as in force (`gain_factors`), so that a simulated motor under
+    torque commands would be servoed to its own recorded angle.
+    """
+    missing = [
+        name.removeprefix("logged_")
+        for name in _SHARED_GAINS[mode]
+        if all(getattr(log, name) is None for log in logs)
+    ]
+    if missing:
+        modes = sorted({log.command_mode for log in logs}, key=COMMAND_MODES.index)
+        gains = " and ".join(missing)
+        raise LogError(
+            f"{' and '.join(modes)} commands, and no log has {gains}",
+            where="; ".join(dict.fromkeys(log.source for log in logs)),
+            remedy=f"give {gains} of every log that uses them, or fit one mode at a time",
+        )
 
 
 def _in_mode(log: Log, mode: str, names: Sequence[str]) -> Log:

@@ -146,8 +146,8 @@ def adapt_to(prior: MotorPrior, log: MotorLog, progress: Progress = SILENT) -> L
     """Posterior of every motor of the log.
 
     A motor that did not move keeps its prior, and so does one on which a foreign torque acts, which
-    is reported (`foreign_torques`). The loss is that of the adapted motor. Raises `LogError` as
-    `adapt`.
+    is reported (`foreign_torques`): `LatentPosterior.keeps_prior`. The loss is that of the adapted
+    motor. Raises `LogError` as `adapt`.
     """
     recipe, data, losses = _recipe_data_and_losses(prior, log)
     predicted = prior.predicted(log)
@@ -156,12 +156,13 @@ def adapt_to(prior: MotorPrior, log: MotorLog, progress: Progress = SILENT) -> L
 
     keeps_prior = ~moved(log)
     if isinstance(prior.model, GreyBox):
-        for torque in foreign_torques(prior, data, recipe, posterior, predicted, losses.mean):
+        for torque in foreign_torques(prior, log, data, recipe, posterior, predicted, losses.mean):
             keeps_prior[torque.index] = True
             progress.warn(torque.text(log.joint_names[torque.index]))
     prior_variance = std[keeps_prior, :, None] ** 2
     posterior.mean[keeps_prior] = mean[keeps_prior]
     posterior.covariance[keeps_prior] = prior_variance * np.eye(mean.shape[1])
+    posterior = replace(posterior, keeps_prior=keeps_prior)
     if not isinstance(prior.model, GreyBox):
         return posterior
 
@@ -179,7 +180,7 @@ def outlier_test(
     Returns:
         The p-values (M,), and the outliers. The p-value combines two tests, of the fit to the log
         (`outliers.loss_p_value`) and of the constants (`outliers.outliers`): it is twice the
-        smaller p-value of the two, at most 1.
+        smaller p-value of the two, at most 1. It is 1 for a motor that keeps its prior.
     """
     recipe, data, losses = _recipe_data_and_losses(prior, log)
     blocks = posterior.windows / windows_per_block(recipe)
@@ -196,11 +197,11 @@ def outlier_test(
         is_recorded = np.isin(joint_classes, prior.classes.names) | has_one_class
         distance_p_value = np.where(is_recorded, tested.p_value, 1.0)
 
-        combined = np.minimum(1.0, 2.0 * np.minimum(fit_p_value, distance_p_value))
-        p_value = np.where(moved(log), combined, 1.0)
+        p_value = np.minimum(1.0, 2.0 * np.minimum(fit_p_value, distance_p_value))
         for motor in np.flatnonzero(distance_p_value < fit_p_value):
             reasons[motor] = _distance_text(joint_classes[motor], tested, int(motor))
 
+    p_value = np.where(posterior.keeps_prior, 1.0, p_value)
     outlying_motors = []
     for motor in np.flatnonzero(p_value < FALSE_ALARMS / len(p_value)):
         outlying_motors.append(Outlier(int(motor), reasons[motor]))

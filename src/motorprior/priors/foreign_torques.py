@@ -23,6 +23,8 @@ from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, WindowRuns
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import POS, SECONDS, VEL, TrainingData
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import moved
 
 WINDOW = 0.25  # [s]
 MAX_ENERGY = 2.5  # of a motor of the fleet [-]
@@ -38,33 +40,42 @@ class ForeignTorque:
 
     index: int  # joint of the log
     seconds: float  # total duration of its windows
-    times: tuple[float, float]  # begin of the first window and end of the last [s]
+    # begin of the first window and end of the last, since the log began [s]; none in a log of
+    # several segments, whose clocks may differ
+    times: tuple[float, float] | None
     angles: tuple[float, float]  # range of the angle in its windows [rad]
 
     def text(self, joint: str) -> str:
         """The finding and its consequence, for the user."""
-        first, last = self.times
         low, high = self.angles
+        when = ""
+        if self.times is not None:
+            first, last = self.times
+            when = f", {first:.3g} to {last:.3g} s after the start of its recording,"
         return (
-            f"{joint}: for {self.seconds:.3g} s, from {first:.3g} to {last:.3g} s at {low:.2f} to "
-            f"{high:.2f} rad, a torque acts that no motor of the prior explains (contact, another "
-            "load); the joint keeps the prior -> adapt to motions without it"
+            f"{joint}: for {self.seconds:.3g} s{when} at {low:.2f} to {high:.2f} rad, a torque "
+            "acts that no motor of the prior explains (contact, another load); the joint keeps "
+            "the prior -> adapt to motions without it"
         )
 
 
 def foreign_torques(
     prior: MotorPrior,
+    log: MotorLog,
     data: TrainingData,
     recipe: Recipe,
     posterior: LatentPosterior,
     predicted: Prediction,
     temperature: float,
 ) -> tuple[ForeignTorque, ...]:
-    """The foreign torques in logs of M motors, to which a prior was adapted.
+    """The foreign torques in a log of M motors, to which a prior was adapted.
+
+    A static joint has none: nothing is known about the torque that holds it.
 
     Args:
         prior: of grey boxes.
-        data: of the logs.
+        log: of the motors.
+        data: of the log, or of a part of it.
         recipe: of the adaptation.
         posterior: of the motors.
         predicted: the prior's prediction of the motors, from which they were adapted.
@@ -74,7 +85,7 @@ def foreign_torques(
     deviation = (posterior.mean - predicted.mean) / predicted.std  # (M, Z)
     energy = posterior.windows * posterior.loss / temperature + np.sum(deviation**2, axis=1)
     energy /= posterior.windows + deviation.shape[1]
-    unexplained = np.flatnonzero(energy > MAX_ENERGY)
+    unexplained = np.flatnonzero((energy > MAX_ENERGY) & moved(log))
     if not len(unexplained):
         return ()
 
@@ -86,6 +97,7 @@ def foreign_torques(
     is_large = np.abs(errors) > MIN_ERROR * half_bands(prior.metrics.residuals)[speed_pool(speed)]
     seconds = runs.recorded(SECONDS)
     angles = runs.recorded(POS)
+    has_one_clock = len(log.segment_slices()) == 1
 
     torques = []
     for motor in unexplained.tolist():
@@ -98,7 +110,7 @@ def foreign_torques(
             ForeignTorque(
                 motor,
                 len(large) * window * recipe.period,
-                (float(times.min()), float(times.max())),
+                (float(times.min()), float(times.max())) if has_one_clock else None,
                 (float(where.min()), float(where.max())),
             )
         )

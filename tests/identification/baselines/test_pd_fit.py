@@ -4,14 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motor_logs import swinging_load
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.fleet import load_fleet
-from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.recording import bench_schedule, record, training_motors
-from motorprior.identification.baselines.pd_fit import WITH_FRICTION, WITH_ROTOR, fit_pd
+from motorprior.identification.baselines.pd_fit import (
+    WITH_FRICTION,
+    WITH_ROTOR,
+    fit_pd,
+    fitted_tuned_pd,
+)
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
+from motorprior.progress import SILENT
 
 MOTORS = 2
 WITH_ALL = {
@@ -47,3 +55,14 @@ def test_a_fit_recovers_the_pd_that_made_a_log(
     assert fit.error < 2e-3
     for name in set(true) - {"armature"}:
         assert fit.constants[name] == pytest.approx(true[name], rel=0.1, abs=1e-3), name
+
+
+def test_segments_without_position_control_do_not_count_in_the_gains_of_the_tuned_pd():
+    gains = {"logged_kp": np.full((200, 1), 40.0), "logged_kd": np.full((200, 1), 2.0)}
+    feedforward = np.zeros((200, 1))
+    torque = swinging_load(200, command_mode="torque", torque_feedforward=feedforward)
+
+    pd = fitted_tuned_pd(joined([swinging_load(200, **gains), torque, torque]), SILENT)
+
+    assert isinstance(pd, GainScaledPd)
+    np.testing.assert_array_equal(pd.logged, [40.0, 2.0])

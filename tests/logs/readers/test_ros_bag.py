@@ -301,6 +301,43 @@ def test_commands_act_from_their_own_time_on(tmp_path: Path):
     np.testing.assert_allclose(log.position_target[:-1, 0], np.arange(99) + 0.25, atol=1e-6)
 
 
+def test_no_angle_is_interpolated_across_the_jump_of_an_encoder_that_wraps(tmp_path: Path):
+    from mcap_ros2.writer import Writer
+
+    # a command comes between two rows, and the slow joint has an angle in every second row
+    turns = 0.05 * np.arange(100)
+    slow_turns = turns + 0.005
+    path = tmp_path / "a.mcap"
+    with open(path, "wb") as file, Writer(file) as writer:
+        schema = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
+
+        def put(topic: str, time: float, turn: float) -> None:
+            message = {"data": [4096.0 * (turn % 1.0)]}
+            writer.write_message(topic, schema, message, log_time=round(1e7 * (1.0 + time)))
+
+        for row in range(100):
+            put("/goal0", row - 0.25, turns[row])
+            put("/goal1", row - 0.25, turns[row])
+            put("/angle0", row, turns[row])
+            if row % 2 == 0:
+                put("/angle1", row, slow_turns[row])
+    columns = tmp_path / "map.toml"
+    columns.write_text(
+        'motor = "m"\ntime = "log_time"\nposition_target = "/goal{joint}:data[0]"\n'
+        'joint_pos = "/angle{joint}:data[0]"\n'
+        '[units]\nangle = "tick"\nticks_per_turn = 4096\nwraps = true\n'
+        '[joints]\n0 = { name = "fast" }\n1 = { name = "slow", sign = -1 }\n'
+    )
+
+    log = read_log(path, columns=columns)
+
+    signs = np.array([1.0, -1.0])
+    angles = 2.0 * np.pi * signs * np.column_stack([turns, slow_turns])[:-1]
+    np.testing.assert_allclose(log.joint_pos[:-1], angles, atol=1e-6)
+    commands = 2.0 * np.pi * signs * (turns[:-1, None] + 0.25 * 0.05)
+    np.testing.assert_allclose(log.position_target[:-1], commands, atol=1e-6)
+
+
 def test_rows_are_those_of_the_joint_with_the_most_messages(tmp_path: Path):
     log = read_log(write_clocks(tmp_path / "a.mcap", offset=0.0, slow_rows=7))
 

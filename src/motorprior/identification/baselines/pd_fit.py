@@ -191,9 +191,8 @@ def fit_pd(
 
 
 def _median_gains(log: MotorLog) -> np.ndarray | None:
-    """(2,) medians of kp and kd over segments and motors of a log; None if it has no gains."""
-    gains = [segment.gains for segment in log.segments() if segment.gains is not None]
-    return np.median(gains, axis=(0, 2)) if gains else None
+    """(2,) medians of `MotorLog.gains` over the motors of a log; None if it has no gains."""
+    return None if log.gains is None else np.median(log.gains, axis=1)
 
 
 def _part(log: MotorLog) -> MotorLog:

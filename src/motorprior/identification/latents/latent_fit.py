@@ -42,6 +42,9 @@ class LatentPosterior:
     windows: int  # N, windows per motor
     # (M,) or (1,) factor on the prior's residuals
     misfit: np.ndarray = field(default_factory=lambda: np.ones(1))
+    # (M,) or (1,) whether a motor has the prior's distribution: its log does not show the motor,
+    # and its loss is not that of the mean
+    keeps_prior: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
 
 
 def latent_search(model: Decoder, data: TrainingData, recipe: Recipe) -> Search:

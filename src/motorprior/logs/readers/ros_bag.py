@@ -32,7 +32,14 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError, listed, quoted
-from motorprior.logs.column_map import COMMANDS, QUANTITIES, ColumnMap, MappedJoint
+from motorprior.logs.column_map import (
+    COMMANDS,
+    QUANTITIES,
+    TURN,
+    ColumnMap,
+    Conversion,
+    MappedJoint,
+)
 from motorprior.logs.log_reader import (
     FOLDER,
     GIVE_COLUMNS,
@@ -240,8 +247,14 @@ def _at_rows(
 ) -> dict[str, np.ndarray]:
     """Columns (rows,) at the messages of the joint that has the most."""
     channels = {}
+    turns = {}  # a turn in the unit of each column that wraps
     for channel in columns.series:
-        channels |= dict.fromkeys(columns.columns_of(channel, columns.joints), channel)
+        of_joints = columns.columns_of(channel, columns.joints)
+        for name, joint in zip(of_joints, columns.joints, strict=True):
+            channels[name] = channel
+            conversion = joint.conversions.get(channel, Conversion())
+            if conversion.wraps:
+                turns[name] = TURN / abs(conversion.factor)
     angles = columns.columns_of("joint_pos", columns.joints)
     fastest = max(angles, key=lambda name: len(readings[name].times))
     start = max(series.times[0] for series in readings.values())
@@ -257,6 +270,8 @@ def _at_rows(
     table = {CLOCK: rows - rows[:1]}
     for name, series in readings.items():
         values = np.array(series.values)
+        if name in turns:  # no angle is between those before and after the jump
+            values = np.unwrap(values, period=turns[name])
         times = seconds(series)
         channel = channels.get(name)
         if channel in COMMANDS and len(rows):
