@@ -12,6 +12,7 @@ from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -269,17 +270,18 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _require_time_or_rate(table, where)
 
     _require_command(table, where)
-    _require_velocity_unit(table, units, where)
 
     gain = units.get("gain", PHYSICAL_GAINS)
     constants = {name: table[name] for name in OPERATING_CONDITIONS if is_number(table.get(name))}
     scales = {name: _scale(QUANTITIES[name], (units,), where) for name in OPERATING_CONDITIONS}
+    joints = _joints(table, units, GAIN_SCALES[gain], where)
+    _require_velocity_unit(table, units, where)
     return ColumnMap(
         source=where,
         **_time_columns(table, units, where),
         **_base(table, units, where),
         series=_series(table, where),
-        **_joints(table, units, GAIN_SCALES[gain], where),
+        **joints,
         gain_unit="firmware" if gain == "firmware" else PHYSICAL_GAINS,
         gain_scale=GAIN_SCALES[gain],
         firmware=table.get("firmware", {}),
@@ -306,22 +308,23 @@ def _require_command(table: dict[str, Any], where: str) -> None:
 
 
 def _require_velocity_unit(table: dict[str, Any], units: dict[str, Any], where: str) -> None:
-    """Raise ArtifactError for angles in degrees or turns, and velocities without a unit.
+    """Raise ArtifactError for velocities without a unit of a joint with angles in degrees or turns.
 
-    Their velocities are hardly in rad/s.
+    Such velocities are hardly in rad/s.
     """
-    angle = units.get("angle", "rad")
-    given = [name for name in _ANGLE_OF_VELOCITY if name in table]
-    if angle in ("rad", "tick") or "velocity" in units or not given:
-        return
-    tables = [joint.get(name, {}) for joint in table.get("joints", {}).values() for name in given]
-    if tables and all("velocity" in entry or "scale" in entry for entry in tables):
-        return
-    raise ArtifactError(
-        f"{given[0]} has no unit, and angles are in {angle}",
-        where=where,
-        remedy=f"give velocity in [units]: {', '.join(SCALES['velocity'])}",
-    )
+    joints = table.get("joints", {JOINT: {}})
+    velocities = [name for name in _ANGLE_OF_VELOCITY if name in table]
+    for (joint, entries), velocity in product(joints.items(), velocities):
+        if _unit("velocity", (entries.get(velocity, {}), units)) is not None:
+            continue
+        for angle in _ANGLE_OF_VELOCITY.values():
+            unit = _unit("angle", (entries.get(angle, {}), entries, units))
+            if unit in ("deg", "turn"):
+                raise ArtifactError(
+                    f"{velocity} has no unit, and {angle} is in {unit}",
+                    where=f"{where}[joints.{joint}]",
+                    remedy=f"give velocity in [units]: {', '.join(SCALES['velocity'])}",
+                )
 
 
 def _time_columns(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
@@ -349,6 +352,16 @@ def _time_columns(table: dict[str, Any], units: dict[str, Any], where: str) -> d
 def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
     """Orientation of the base, from base_quaternion, or from base_roll and base_pitch."""
     given = [name for name in BASE_ANGLES if name in table]
+    if "quaternion_order" in table and "base_quaternion" not in table:
+        raise ArtifactError(
+            "quaternion_order without base_quaternion", where=where, remedy="leave it out"
+        )
+    if "base" in units and not given:
+        raise ArtifactError(
+            f"base without {' or '.join(BASE_ANGLES)}",
+            where=f"{where}[units]",
+            remedy="leave it out",
+        )
     if "base_quaternion" in table:
         if given:
             raise ArtifactError(
@@ -362,7 +375,7 @@ def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str,
         return {}
 
     values = [table.get(name, 0.0) for name in BASE_ANGLES]
-    scale = _base_scale(units, where)
+    scale = _base_scale(units, given[0], where)
     if all(is_number(value) for value in values):
         return {"base_angles": (scale * values[0], scale * values[1])}
     if len(given) < len(BASE_ANGLES) or any(is_number(value) for value in values):
@@ -374,11 +387,14 @@ def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str,
     return {"base_orientation": tuple(values), "base_angle_scale": scale}
 
 
-def _base_scale(units: dict[str, Any], where: str) -> float:
-    """Rad per unit of roll and pitch, which are often in another unit than the joints."""
+def _base_scale(units: dict[str, Any], name: str, where: str) -> float:
+    """Rad per unit of roll and pitch, which are often in another unit than the joints.
+
+    ``name`` is that of one of them, for errors.
+    """
     if "base" not in units and units.get("angle", "rad") != "rad":
         raise ArtifactError(
-            f"{BASE_ANGLES[0]} has no unit, and angles are in {units['angle']}",
+            f"{name} has no unit, and angles are in {units['angle']}",
             where=where,
             remedy='give base = "rad" or "deg" in [units]',
         )
@@ -483,20 +499,28 @@ def _conversion(
     )
 
 
-def _scale(quantity: str, tables: tuple[dict[str, Any], ...], where: str) -> float:
-    """SI units per unit of the column, from the first table with a scale or a unit; 1 without."""
+def _unit(quantity: str, tables: tuple[dict[str, Any], ...]) -> str | float | None:
+    """Unit or scale of a quantity, from the first table with one of them; None without."""
     for table in tables:
         if "scale" in table:
             return float(table["scale"])
-        has_ticks = quantity == "angle" and "ticks_per_turn" in table
-        unit = table.get(quantity, "tick" if has_ticks else None)
-        if unit == "tick":
-            ticks = ChainMap(*tables).get("ticks_per_turn")
-            if not ticks:
-                raise ArtifactError(
-                    "angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY
-                )
-            return TURN / ticks
-        if unit is not None:
-            return SCALES[quantity][unit]
-    return 1.0
+        if quantity in table:
+            return table[quantity]
+        if quantity == "angle" and "ticks_per_turn" in table:
+            return "tick"
+    return None
+
+
+def _scale(quantity: str, tables: tuple[dict[str, Any], ...], where: str) -> float:
+    """SI units per unit of the column, from the first table with a scale or a unit; 1 without."""
+    unit = _unit(quantity, tables)
+    if unit is None:
+        return 1.0
+    if not isinstance(unit, str):
+        return unit
+    if unit != "tick":
+        return SCALES[quantity][unit]
+    ticks = ChainMap(*tables).get("ticks_per_turn")
+    if not ticks:
+        raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY)
+    return TURN / ticks

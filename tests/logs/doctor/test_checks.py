@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from motor_logs import of_check
+from motor_logs import log_of, of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog
@@ -145,6 +145,40 @@ def test_a_healthy_log_has_no_errors_and_no_warnings(rich_log: MotorLog):
 
     assert report.usable
     assert {finding.severity for finding in report.findings} == {"info"}
+
+
+STORED: dict[str, Change] = {
+    "6 decimals": lambda values: np.round(values, 6),
+    "8 decimals": lambda values: np.round(values, 8),
+    "float32": lambda values: values.astype(np.float32).astype(float),
+    "float64": lambda values: values,
+}
+
+
+@pytest.mark.parametrize("kind", STORED)
+def test_an_interpolated_angle_is_found_in_every_number_format(kind: str):
+    stored = STORED[kind]
+    time = np.arange(4000) / 240.0
+    smooth = 0.5 * np.sin(2.0 * np.pi * 0.4 * time)
+    slow = np.interp(time, time[::7], smooth[::7])
+    angles = stored(np.column_stack([slow, smooth]))
+
+    (finding,) = of_check(check_log(log_of(stored(time), angles)), "interpolated")
+
+    assert finding.joint == "a"
+    assert finding.value == 7.0
+    assert "record this joint at the rate of the others" in finding.remedy
+
+
+@pytest.mark.parametrize("kind", STORED)
+@pytest.mark.parametrize(("hertz", "size"), [(100, 0.2), (200, 0.05), (1000, 1.5)])
+def test_slow_motion_without_noise_is_not_called_interpolated(kind: str, hertz: int, size: float):
+    stored = STORED[kind]
+    time = np.arange(20 * hertz) / hertz
+    angle = size * np.sin(2.0 * np.pi * 0.03 * time + 0.3)
+    angle += 0.3 * size * np.sin(2.0 * np.pi * 0.07 * time)
+
+    assert not of_check(check_log(log_of(stored(time), stored(angle))), "interpolated")
 
 
 def test_the_published_logs_are_usable(shared_data: Path):

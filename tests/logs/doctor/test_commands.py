@@ -231,3 +231,53 @@ def test_a_joint_that_feed_forward_torques_move_against_its_target_has_torque(is
     findings = of_check(check_log(log_of(TIME, SMOOTH, angle, **commands)), "torque_off")
 
     assert len(findings) == (not is_on)
+
+
+@pytest.mark.parametrize("mode", ["mit", "torque"])
+@pytest.mark.parametrize(
+    ("rows", "period", "rows_between_gaps", "rows_of_segment"),
+    [(35, 0.002, 35, 35), (600, 0.001, 60, 600), (700, 0.001, 700, 70), (24, 0.02, 24, 24)],
+    ids=["short", "gaps", "segments", "slow"],
+)
+def test_a_torque_in_a_short_window_is_not_judged(
+    mode: str, rows: int, period: float, rows_between_gaps: int, rows_of_segment: int
+):
+    count = np.arange(rows)
+    time = period * (count + 50 * (count // rows_between_gaps))
+    target = 0.5 * np.sin(20.0 * time)
+    angle = 0.5 * np.sin(20.0 * time - 0.3)
+    commands = {"command_mode": mode, "torque_feedforward": np.cos(50.0 * time)[:, None]}
+
+    segment = count // rows_of_segment
+    report = check_log(log_of(time, target, angle, segment=segment, **commands))
+
+    assert not of_check(report, "commanded_torque")
+
+
+def test_slow_commands_are_compared_in_a_window_shorter_than_the_longest_delay():
+    count = np.arange(600)
+    time = 0.001 * (count + 50 * (count // 60))
+    smooth = 0.5 * np.sin(60.0 * time)
+    held = smooth[count // 3 * 3]
+    angle = smooth + 1e-4 * np.cos(900.0 * time)
+
+    assert not of_check(check_log(log_of(time, held, angle)), "command_rate")
+
+
+def test_a_command_that_is_never_far_from_a_step_is_not_called_slow():
+    changes = np.tile([0.3, 0.01, -0.3, -0.01], 100)
+    command = np.repeat(np.cumsum(changes), 5)  # every other change is a step
+    time = PERIOD * np.arange(len(command))
+
+    assert not of_check(check_log(log_of(time, command, answer(command))), "command_rate")
+
+
+def test_a_torque_is_not_blamed_for_a_position_target_of_another_sign():
+    kp = np.full(len(TIME), 200.0)
+    kd = np.full(len(TIME), 20.0)
+    angle = driven(SENT, kp, kd)
+    torque = {"torque_feedforward": SENT["torque_feedforward"][:, None]}
+    gains = {"logged_kp": kp[:, None], "logged_kd": kd[:, None]}
+    log = log_of(TIME, -SMOOTH, angle, command_mode="mit", **gains, **torque)
+
+    assert not of_check(check_log(log), "commanded_torque")

@@ -247,23 +247,24 @@ def test_shipped_maps_can_be_loaded():
 
 
 BASE_ROWS = 50
+BASE_DEGREES = 'base = "deg"\n'
 BASE_MAP = (
     'motor = "m"\ntime = "t"\nposition_target = "goal"\njoint_pos = "pos"\n{base}\n'
-    '[units]\nangle = "deg"\nbase = "deg"\n[joints.a]\n'
+    '[units]\nangle = "deg"\n{unit}[joints.a]\n'
 )
 
 
 @pytest.mark.parametrize(
-    "base",
+    ("base", "unit"),
     [
-        "base_roll = 0\nbase_pitch = 20",
-        'base_roll = "roll"\nbase_pitch = "pitch"',
-        'base_quaternion = ["w", "x", "y", "z"]',
-        'base_quaternion = ["x", "y", "z", "w"]\nquaternion_order = "xyzw"',
+        ("base_roll = 0\nbase_pitch = 20", BASE_DEGREES),
+        ('base_roll = "roll"\nbase_pitch = "pitch"', BASE_DEGREES),
+        ('base_quaternion = ["w", "x", "y", "z"]', ""),
+        ('base_quaternion = ["x", "y", "z", "w"]\nquaternion_order = "xyzw"', ""),
     ],
     ids=["numbers", "columns", "quaternion", "scalar_last"],
 )
-def test_the_orientation_of_the_base_is_read_in_every_form(tmp_path: Path, base: str):
+def test_the_orientation_of_the_base_is_read_in_every_form(tmp_path: Path, base: str, unit: str):
     pitch = np.deg2rad(20.0)
     time = 0.01 * np.arange(BASE_ROWS)
     quaternion = [np.cos(0.5 * pitch), 0.0, np.sin(0.5 * pitch), 0.0]
@@ -272,7 +273,7 @@ def test_the_orientation_of_the_base_is_read_in_every_form(tmp_path: Path, base:
     head = "t,goal,pos,roll,pitch,w,x,y,z"
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=head, comments="")
     columns = tmp_path / "map.toml"
-    columns.write_text(BASE_MAP.format(base=base))
+    columns.write_text(BASE_MAP.format(base=base, unit=unit))
 
     log = read_log(tmp_path / "log.csv", columns=columns)
 
@@ -281,14 +282,36 @@ def test_the_orientation_of_the_base_is_read_in_every_form(tmp_path: Path, base:
     assert "base at roll 0.0°, pitch 20.0°" in settings_text(log)
 
 
-def test_roll_and_pitch_beside_angles_in_degrees_need_their_own_unit(tmp_path: Path):
-    text = BASE_MAP.format(base="base_roll = 0.35").replace('base = "deg"\n', "")
-    (tmp_path / "map.toml").write_text(text)
+@pytest.mark.parametrize("name", ["base_roll", "base_pitch"])
+def test_roll_and_pitch_beside_angles_in_degrees_need_their_own_unit(tmp_path: Path, name: str):
+    (tmp_path / "map.toml").write_text(BASE_MAP.format(base=f"{name} = 0.35", unit=""))
 
-    with pytest.raises(ArtifactError, match="base_roll has no unit") as refused:
+    with pytest.raises(ArtifactError, match=f"{name} has no unit") as refused:
         load_column_map(tmp_path / "map.toml")
 
     assert 'base = "rad"' in str(refused.value.remedy)
+
+
+QUATERNION = 'base_quaternion = ["w", "x", "y", "z"]'
+
+
+@pytest.mark.parametrize(
+    ("base", "unit", "problem"),
+    [
+        ('quaternion_order = "xyzw"', "", "quaternion_order without base_quaternion"),
+        ("", BASE_DEGREES, r"\[units\]: base without base_roll or base_pitch"),
+        (QUATERNION, BASE_DEGREES, r"\[units\]: base without base_roll or base_pitch"),
+    ],
+)
+def test_what_states_the_form_of_an_orientation_that_is_not_given_is_refused(
+    tmp_path: Path, base: str, unit: str, problem: str
+):
+    (tmp_path / "map.toml").write_text(BASE_MAP.format(base=base, unit=unit))
+
+    with pytest.raises(ArtifactError, match=problem) as refused:
+        load_column_map(tmp_path / "map.toml")
+
+    assert refused.value.remedy == "leave it out"
 
 
 MOTEUS = (
@@ -320,3 +343,49 @@ def test_velocities_beside_angles_in_turns_need_their_own_unit(tmp_path: Path):
         load_column_map(tmp_path / "map.toml")
 
     assert "turn/s" in str(refused.value.remedy)
+
+
+VELOCITY_MAP = (
+    'motor = "m"\nrate = 100\nposition_target = "c_{joint}"\nvelocity_target = "dc_{joint}"\n'
+    'joint_pos = "q_{joint}"\n'
+)
+
+
+@pytest.mark.parametrize(
+    "joint",
+    [
+        '[joints.a]\nangle = "deg"\n',
+        '[joints.a.joint_pos]\nangle = "deg"\n',
+        '[joints.b]\nangle = "rad"\n[joints.a.position_target]\nangle = "deg"\n',
+    ],
+)
+def test_velocities_need_a_unit_if_the_angles_of_one_joint_are_in_degrees(
+    tmp_path: Path, joint: str
+):
+    columns = tmp_path / "map.toml"
+    columns.write_text(VELOCITY_MAP + joint)
+
+    with pytest.raises(ArtifactError, match=r"\[joints.a\]: velocity_target has no unit.* in deg"):
+        load_column_map(columns)
+
+    columns.write_text(f'{VELOCITY_MAP}{joint}[joints.a.velocity_target]\nvelocity = "deg/s"\n')
+    joints = load_column_map(columns).joints
+    conversions = next(item.conversions for item in joints if item.column == "a")
+    assert conversions["velocity_target"].factor == pytest.approx(TURN / 360)
+
+
+def test_velocities_of_a_joint_with_its_own_angles_in_radians_need_no_unit(tmp_path: Path):
+    columns = tmp_path / "map.toml"
+    columns.write_text(f'{VELOCITY_MAP}[units]\nangle = "deg"\n[joints.a]\nangle = "rad"\n')
+
+    assert load_column_map(columns).joints[0].conversions["velocity_target"].factor == 1.0
+
+
+@pytest.mark.parametrize("joint", ["[joints]\na = 3\n", "[joints.a]\nvelocity_target = 3\n"])
+def test_a_joint_that_is_no_table_is_refused_beside_velocities_without_a_unit(
+    tmp_path: Path, joint: str
+):
+    (tmp_path / "map.toml").write_text(f'{VELOCITY_MAP}[units]\nangle = "deg"\n{joint}')
+
+    with pytest.raises(ArtifactError, match=r"\b3\b.*table|table.*\b3\b"):
+        load_column_map(tmp_path / "map.toml")

@@ -26,6 +26,7 @@ TARGET_RATIOS = (0.5, 2.0)
 MOTION_RATIOS = (0.3, 3.0)
 COPY_CORRELATION = 0.9998  # correlation above which a velocity target is the measured velocity
 TORQUE_RATIOS = (0.5, 2.0)  # plausible effect of a torque over its logged size
+MIN_WIDTHS = 30  # minimum length of a window over the time that smooths accelerations
 MIN_GAIN = 1.3  # minimum ratio of the unexplained variance without and with a torque
 
 
@@ -111,7 +112,8 @@ def _factor_by_load(window: MotorLog) -> float | None:
 
         J·q̈ - external torque - kp·error - kd·velocity error = k·torque - I·q̈ - f·sign q̇ - d·q̇ + c
 
-    None without loads or gains in N·m/rad, or if the torque explains little.
+    None without loads or gains in N·m/rad, if the window is short, or if the torque explains
+    little.
     """
     if window.load_inertia is None or window.external_torque is None:
         return None
@@ -121,6 +123,8 @@ def _factor_by_load(window: MotorLog) -> float | None:
         return None
 
     half_width = max(1, round(ACCELERATION_TIME / window.period))
+    if window.num_rows < MIN_WIDTHS * half_width:
+        return None
     angle = window.joint_pos[:, 0]
     velocity = np.gradient(angle, window.period)
     acceleration = np.gradient(velocity, window.period)
@@ -150,12 +154,14 @@ def _factor_by_load(window: MotorLog) -> float | None:
 def _factor_by_acceleration(window: MotorLog) -> float | None:
     """Factor of the commanded torque relative to kp times the error; 1 or -1 without kp.
 
-    None if the torque explains little of the acceleration.
+    None if the window is short, or if the torque explains little of the acceleration.
     """
     names, commands = commands_of(window)
     if "torque_feedforward" not in names:
         return None
     half_width = max(1, round(ACCELERATION_TIME / window.period))
+    if window.num_rows < MIN_WIDTHS * half_width:
+        return None
     place = names.index("torque_feedforward")
     unexplained, slopes = explained_by(window, commands, half_width)
     without, _ = explained_by(window, np.delete(commands, place, axis=1), half_width)
@@ -165,7 +171,8 @@ def _factor_by_acceleration(window: MotorLog) -> float | None:
     slope = float(slopes[place])
     if "position_target" not in names or window.logged_kp is None or slope < 0.0:
         return float(np.sign(slope))
-    if window.gain_unit != PHYSICAL_GAINS:
+    position_slope = float(slopes[names.index("position_target")])
+    # the regression gives no scale if the position target seems to act against its sign
+    if window.gain_unit != PHYSICAL_GAINS or position_slope <= 0.0:
         return 1.0
-    kp = float(window.logged_kp.max())
-    return slope * kp / float(slopes[names.index("position_target")])
+    return slope * float(window.logged_kp.max()) / position_slope

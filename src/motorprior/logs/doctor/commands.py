@@ -55,10 +55,13 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
     # the true time of a step is unknown by the time between commands
     near_step = np.ones(1 + 4 * rows)
     is_far = ~np.any([np.convolve(_steps(x), near_step, "same") > 0.0 for x in held.T], axis=0)
+    if np.count_nonzero(is_far) < MIN_CHANGES * rows:
+        return
+
     half_width = max(1, int(held_rows // 4))
     held_error, _ = explained_by(window, factors * held, half_width, is_far)
     linear_error, _ = explained_by(window, factors * linear, half_width, is_far)
-    if linear_error >= MAX_REMAINING * held_error:
+    if not linear_error < MAX_REMAINING * held_error:
         return
     joint = window.joint_names[0]
     milliseconds = 1e3 * held_rows * window.period
@@ -152,7 +155,7 @@ def explained_by(
     variance = np.var(acceleration[inside])
 
     fits = []
-    for delay in range(max(1, int(MAX_DELAY / window.period))):
+    for delay in range(max(1, min(int(MAX_DELAY / window.period), len(angle) // 2))):
         first = np.repeat(commands[:1], delay, axis=0)
         delayed = np.concatenate([first, commands[: len(commands) - delay]])
         table = np.column_stack([*map(mean, delayed.T), *motion])[inside]

@@ -15,9 +15,12 @@ from motorprior.signals import encoder_step
 # plausible range of the rate of a motor log [Hz]; outside of it the unit of time is another one
 RATES = (5.0, 2e4)
 MAX_JITTER = 0.5  # maximum jitter without a warning, see `rate`
-# minimum number of straight pieces of an interpolated angle, and minimum of their median rows
+# minimum number of straight pieces of an interpolated angle, and minimum of the lower quartile of
+# their rows
 MIN_SPANS = 10
 MIN_SPAN = 3
+MIN_BEND_RATIO = 3.0  # minimum ratio of the median bend between pieces to bends by rounding
+MAX_ROUNDING = 1e-6  # resolution of angles [rad] and times [s] in files with few decimals
 MAX_FAILED = 5  # maximum length of a failed read [readings]
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
@@ -136,25 +139,46 @@ def _repeats(
 
 
 def interpolated(log: MotorLog) -> Iterator[Finding]:
-    """Joints whose angle moves on straight lines between readings several rows apart."""
+    """Joints whose angle moves on straight lines between readings several rows apart.
+
+    Angle and time of a row are rounded by half a resolution each way, so that the slope of a
+    straight line changes by up to 2·(resolution of the angle + slope·resolution of time)/period.
+    """
     for column, joint in enumerate(log.joint_names):
+        rounding = _rounding(log.joint_pos[:, column])
         spans = []
         for segment in log.segment_slices():
             slopes = np.diff(log.joint_pos[segment, column]) / np.diff(log.time[segment])
-            min_bend = 1e-6 * np.abs(slopes).max(initial=0.0)
-            bends = 1 + np.flatnonzero(np.abs(np.diff(slopes)) > min_bend)
+            steepest = float(np.abs(slopes).max(initial=0.0))
+            min_bend = 2.0 * (rounding + MAX_ROUNDING * steepest) / log.period
+            changes = np.abs(np.diff(slopes))
+            is_bend = changes > min_bend
+            # the bends of smooth, slow motion hardly exceed the rounding
+            if not is_bend.any() or np.median(changes[is_bend]) < MIN_BEND_RATIO * min_bend:
+                continue
+            bends = 1 + np.flatnonzero(is_bend)
             # a joint at rest is straight as well
-            moves = slopes[bends[:-1]] != 0.0
+            moves = np.abs(slopes[bends[:-1]]) > min_bend
             spans += np.diff(bends)[moves].tolist()
-        if len(spans) < MIN_SPANS or np.median(spans) < MIN_SPAN:
+        # a resampled angle has two bends per reading, and every other span is short
+        if len(spans) < MIN_SPANS or np.quantile(spans, 0.25) < MIN_SPAN:
             continue
         rows = float(np.median(spans))
         message = (
             f"the angle of {joint} is a straight line over every {rows:.3g} rows: it was read "
             f"every {1e3 * rows * log.period:.3g} ms and interpolated"
         )
-        remedy = "its constants count little: record all joints at the same rate"
+        remedy = "record this joint at the rate of the others; its constants are less accurate"
         yield Finding("warning", "interpolated", rows, message, remedy, joint)
+
+
+def _rounding(angle: np.ndarray) -> float:
+    """Resolution [rad] of a column: its smallest difference, at most MAX_ROUNDING, or float32's.
+
+    A larger difference is the step of an encoder.
+    """
+    smallest = np.diff(np.unique(angle)).min(initial=MAX_ROUNDING)
+    return float(max(smallest, np.spacing(np.float32(np.abs(angle).max()))))
 
 
 def _travel(angle: np.ndarray) -> np.ndarray:
