@@ -13,8 +13,8 @@ stiffness, be open above.
 A constant is *identified* if the upper end of its marginal 90 % interval is less than MAX_RATIO
 times the lower end. A signed constant is identified if its interval is narrower than one unit.
 
-Ends that are further away than the factor MAX_BOUND are no bounds: the logs say nothing of such a
-constant, and its interval is open to both sides. Nor is a delay beyond MAX_DELAY a bound.
+Ends that are further away than the factor MAX_BOUND are no bounds: the interval of such a constant
+is open to both sides. Nor is a delay beyond MAX_DELAY a bound.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,8 @@ from motorprior.actuator.optional_terms import SIGNED
 # Maximum ratio of the ends of the 90 % interval of an identified constant. A constant with this
 # ratio is known within ±41 %: enough to tell motors apart that differ as much as makes do.
 MAX_RATIO = 2.0
-# Maximum ratio of v + s between an end of an interval and the estimate. Makes differ by less.
+# Maximum ratio of v + s between an end of an interval and the estimate. Motors of different makers
+# differ by less, so that a wider interval is no news.
 MAX_BOUND = 10.0
 SCORE = 1.6449  # standard normal score of the ends of a 90 % interval
 LIMITS = (
@@ -119,7 +120,7 @@ class Estimates:
         """
         ends = {}
         for column, name in enumerate(parameters_of(terms)):
-            scale = self._scale_of(name, column)
+            scale = scale_of(self.scale, name, column)
             y = coordinate(name, values[name], scale)
             std = np.sqrt(self.covariance[:, column, column])
             both = np.stack([value_at(name, y - score * std, scale)] * 2)
@@ -132,9 +133,9 @@ class Estimates:
                 has_no_effect = is_open & (values[name] >= reached)
                 ends[name][0, has_no_effect] = reached[has_no_effect]
             elif name not in SIGNED:
-                says_nothing = score * std > np.log(MAX_BOUND)
-                ends[name][0, says_nothing] = 0.0
-                ends[name][1, says_nothing] = np.inf
+                is_unbounded = score * std > np.log(MAX_BOUND)
+                ends[name][0, is_unbounded] = 0.0
+                ends[name][1, is_unbounded] = np.inf
             if name == "delay":
                 ends[name][1, ends[name][1] > MAX_DELAY] = np.inf
         return ends
@@ -162,7 +163,7 @@ class Estimates:
             center = np.log(combination.value(values))
             slope = np.zeros(self.scale.shape)
             for column, name in enumerate(names):
-                scale = self._scale_of(name, column)
+                scale = scale_of(self.scale, name, column)
                 y = coordinate(name, values[name], scale)
                 changed = dict(values) | {name: value_at(name, y + 1e-4, scale)}
                 slope[:, column] = (np.log(combination.value(changed)) - center) / 1e-4
@@ -171,9 +172,10 @@ class Estimates:
             ends[combination.name] = np.exp(np.stack([center - reach, center + reach]))
         return ends
 
-    def _scale_of(self, name: str, column: int) -> np.ndarray:
-        """(M,) scales s of a constant; limits have none."""
-        return np.zeros(len(self.scale)) if name in LIMITS else self.scale[:, column]
+
+def scale_of(scale: np.ndarray, name: str, column: int) -> np.ndarray:
+    """(M,) scales s of a constant, of ``scale`` (M, K); limits have none."""
+    return np.zeros(len(scale)) if name in LIMITS else scale[:, column]
 
 
 def is_identified(name: str, ends: np.ndarray) -> np.ndarray:

@@ -411,17 +411,16 @@ def subsampled(data: TrainingData, recipe: Recipe, rows: int) -> TrainingData:
     num_rows = np.array([piece.stop - piece.start for piece in pieces])
     rows = max(rows, 2 * int(num_rows.max()))
     max_groups = int(rows // num_rows.mean())
-    kept = []
-    left = 0  # rows of the quotas so far that are less than a piece
-    for group, quota in _quotas(
-        _groups(data, gain, np.array(of_segment), max_groups), num_rows, rows
-    ):
+    groups = _groups(data, gain, np.array(of_segment), max_groups)
+    indices = []
+    unused_rows = 0  # rows of the quotas so far that are less than a piece
+    for group, quota in _quotas(groups, num_rows, rows):
         group_rows = int(num_rows[group].sum())
-        count = min(len(group), max(1, len(group) * (quota + left) // group_rows))
-        left += quota - count * group_rows // len(group)
+        count = min(len(group), max(1, len(group) * (quota + unused_rows) // group_rows))
+        unused_rows += quota - count * group_rows // len(group)
         for sequence in np.array_split(group, count):
-            kept.append(int(sequence[motion[sequence].argmax()]))
-    return replace(data, segments=tuple(pieces[index] for index in sorted(kept)))
+            indices.append(int(sequence[motion[sequence].argmax()]))
+    return replace(data, segments=tuple(pieces[index] for index in sorted(indices)))
 
 
 def _groups(
@@ -507,11 +506,11 @@ def _equal_quotas(available: Sequence[int], total: int) -> list[int]:
     What a group with less available leaves, the others share.
     """
     quotas = [0] * len(available)
-    left = total
+    remaining = total
     by_size = sorted(range(len(available)), key=lambda group: available[group])
     for place, group in enumerate(by_size):
-        quotas[group] = min(available[group], left // (len(available) - place))
-        left -= quotas[group]
+        quotas[group] = min(available[group], remaining // (len(available) - place))
+        remaining -= quotas[group]
     return quotas
 
 

@@ -258,10 +258,9 @@ def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.nda
 
     dynamics = BodyDynamics(_fixed_model(robot), range(robot.num_joints))
     dynamics.set_gravity(np.median(dynamics.gravity_of(log), axis=0))
-    at_rest = np.zeros(log.num_joints)
 
     def torque(angles: np.ndarray) -> np.ndarray:
-        return np.stack([-dynamics.bias(pose, at_rest) for pose in angles])
+        return np.stack([dynamics.gravity_torque(pose) for pose in angles])
 
     return torque
 

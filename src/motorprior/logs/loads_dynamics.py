@@ -91,6 +91,10 @@ class BodyDynamics:
         self._mujoco.mj_fwdVelocity(self._model, self._data)
         return self._data.qfrc_bias[self._order]
 
+    def gravity_torque(self, joint_pos: np.ndarray) -> np.ndarray:
+        """(J,) torque of gravity at rest [N·m]; the state stays set."""
+        return -self.bias(joint_pos, np.zeros_like(joint_pos))
+
     def _arms(self) -> np.ndarray:
         """(J, 3) from each joint to the centre of mass of what it carries [m]."""
         arms = self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor

@@ -30,13 +30,8 @@ def motion_table(robot: Robot, parts: Sequence[MotionPart], period: float) -> st
         if len(moving) == 1:
             joint = int(moving[0])
             cells[2] = f"{lowest[joint]:+.2f} to {highest[joint]:+.2f} rad"
-            torques = _gravity(dynamics, np.linspace(lowest, highest, _ANGLES), joint)
-            cells[3] = f"{torques.min():+.3f} to {torques.max():+.3f} N·m"
+            poses = np.linspace(lowest, highest, _ANGLES)
+            torques = [float(dynamics.gravity_torque(pose)[joint]) for pose in poses]
+            cells[3] = f"{min(torques):+.3f} to {max(torques):+.3f} N·m"
         rows.append(cells)
     return text_table(["part", "time", "angle", "torque of gravity"], rows)
-
-
-def _gravity(dynamics: BodyDynamics, poses: np.ndarray, joint: int) -> np.ndarray:
-    """(N,) torques of gravity on a joint in poses (N, n) [N·m]."""
-    at_rest = np.zeros(poses.shape[1])
-    return np.array([-dynamics.bias(pose, at_rest)[joint] for pose in poses])

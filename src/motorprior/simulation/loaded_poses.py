@@ -38,7 +38,7 @@ def loaded_poses(
     """(n, n) for each joint the pose in which its motion changes the torque of gravity most.
 
     Row j is the pose [rad] about which joint j moves by ±reach[j] while the others hold. It is the
-    best of random poses whose motion, and straight way from the nominal pose, are free of
+    best of random poses whose motion, and straight path from the nominal pose, are free of
     collisions and inside the free space. The nominal pose stays where no pose is clearly better.
 
     Args:
@@ -56,23 +56,23 @@ def loaded_poses(
         build_model(robot, suspended=robot.base == "free"), range(robot.num_joints)
     )
 
-    chosen = np.tile(nominal, (len(nominal), 1))
+    poses_of_joints = np.tile(nominal, (len(nominal), 1))
     for joint in range(len(nominal)):
         loads = _JointLoads(check, dynamics, nominal, joint, reach)
         ranges = np.array([loads.gravity_range(pose) for pose in poses])
-        needed = max(_MIN_FACTOR * ranges[0], ranges[0] + _MIN_TORQUE)
-        ordered = (poses[index] for index in np.argsort(-ranges) if ranges[index] > needed)
-        best = next((pose for pose in ordered if loads.is_free(pose)), nominal)
+        min_range = max(_MIN_FACTOR * ranges[0], ranges[0] + _MIN_TORQUE)
+        candidates = (poses[index] for index in np.argsort(-ranges) if ranges[index] > min_range)
+        best = next((pose for pose in candidates if loads.is_free(pose)), nominal)
 
-        # the pose of an earlier joint, if it is nearly as good, saves a way
-        enough = max(needed, _GOOD_ENOUGH * loads.gravity_range(best))
-        good = (
+        # with the pose of an earlier joint, the arm need not move to another one
+        min_shared_range = max(min_range, _GOOD_ENOUGH * loads.gravity_range(best))
+        shared = (
             pose
-            for pose in chosen[:joint]
-            if loads.gravity_range(pose) >= enough and loads.is_free(pose)
+            for pose in poses_of_joints[:joint]
+            if loads.gravity_range(pose) >= min_shared_range and loads.is_free(pose)
         )
-        chosen[joint] = next(good, loads.simplified(best))
-    return chosen
+        poses_of_joints[joint] = next(shared, loads.simplified(best))
+    return poses_of_joints
 
 
 class _JointLoads(NamedTuple):
@@ -89,21 +89,21 @@ class _JointLoads(NamedTuple):
         torques = []
         for away in np.linspace(-1.0, 1.0, _ANGLES):
             moved = self._moved(pose, away)
-            torques.append(self.dynamics.bias(moved, np.zeros(len(pose)))[self.joint])
+            torques.append(self.dynamics.gravity_torque(moved)[self.joint])
         return max(torques) - min(torques)
 
     def is_free(self, pose: np.ndarray) -> bool:
-        """Whether the way from the nominal pose and the motion there are free."""
+        """Whether the path from the nominal pose and the motion there are free."""
         corners = [self.nominal, pose, self._moved(pose, -1.0), self._moved(pose, 1.0)]
         return all(self.check.obstacle(point, _ABOVE_TABLE) is None for point in _path(corners))
 
     def simplified(self, pose: np.ndarray) -> np.ndarray:
         """The pose with all joints at their nominal angles whose angles matter little."""
-        enough = _SAME * self.gravity_range(pose)
+        min_range = _SAME * self.gravity_range(pose)
         for other in range(len(pose)):
             changed = pose.copy()
             changed[other] = self.nominal[other]
-            if self.gravity_range(changed) >= enough and self.is_free(changed):
+            if self.gravity_range(changed) >= min_range and self.is_free(changed):
                 pose = changed
         return pose
 

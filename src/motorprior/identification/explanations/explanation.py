@@ -55,7 +55,7 @@ class Facts:
     link_mass: np.ndarray  # (M,) mass of what each joint carries, 0 if unknown [kg]
     link_reach: np.ndarray  # (M,) twice the distance of its link's centre of mass [m]
     # velocity_target and torque_feedforward, if the logs have them
-    commands: tuple[str, ...] = ()
+    commands: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -317,7 +317,7 @@ def _lead_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
     return problem, remedy
 
 
-def _scaled_sent(column: int) -> Callable:
+def _multiplied_command(column: int) -> Callable:
     """Change that multiplies a command by 1 + θ, which may be negative."""
 
     def change(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
@@ -327,7 +327,7 @@ def _scaled_sent(column: int) -> Callable:
     return change
 
 
-def _sent_text(name: str) -> Callable:
+def _command_factor_text(name: str) -> Callable:
     def describe(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
         factor = Estimate(1.0 + estimate.values, estimate.half_widths)
         problem = f"{name} acts {factor.text()} times as strongly as logged"
@@ -336,7 +336,7 @@ def _sent_text(name: str) -> Callable:
     return describe
 
 
-def _sends(name: str) -> Callable[[Facts], bool]:
+def _has_command(name: str) -> Callable[[Facts], bool]:
     return lambda facts: name in facts.commands
 
 
@@ -444,17 +444,17 @@ EXPLANATIONS = (
     ),
     Explanation(
         "velocity_target_scale",
-        _scaled_sent(channel.VELOCITY_TARGET),
-        _sent_text("velocity_target"),
+        _multiplied_command(channel.VELOCITY_TARGET),
+        _command_factor_text("velocity_target"),
         smallest=(0.2,),
-        applies=_sends("velocity_target"),
+        applies=_has_command("velocity_target"),
     ),
     Explanation(
         "feedforward_scale",
-        _scaled_sent(channel.FEEDFORWARD),
-        _sent_text("torque_feedforward"),
+        _multiplied_command(channel.FEEDFORWARD),
+        _command_factor_text("torque_feedforward"),
         smallest=(0.1,),
-        applies=_sends("torque_feedforward"),
+        applies=_has_command("torque_feedforward"),
     ),
     Explanation(
         "delay", _shifted, _delay_text, units=(0.05,), smallest=(_MIN_SHIFT,), held=("delay",)

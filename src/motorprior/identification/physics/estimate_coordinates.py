@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.actuator.estimates import LIMITS, coordinate, value_at
+from motorprior.actuator.estimates import coordinate, scale_of, value_at
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import SIGNED
@@ -62,8 +62,10 @@ class Coordinates:
 
     def changes(self, x: np.ndarray) -> np.ndarray:
         """(M, K) changes of y from the fit to the unknowns x (M, K)."""
-        columns = [self._of(column, x[:, column]) - self.of_fit(column) for column in self._columns]
-        return np.stack(columns, axis=1)
+        changes = [
+            self._of(column, x[:, column]) - self.of_fit(column) for column in range(x.shape[1])
+        ]
+        return np.stack(changes, axis=1)
 
     def of_fit(self, column: int) -> np.ndarray:
         """(M,) coordinates y of a constant of the fitted motors."""
@@ -71,12 +73,7 @@ class Coordinates:
 
     def scale_of(self, column: int) -> np.ndarray:
         """(M,) scales s of a constant; limits have none."""
-        is_limit = self.names[column] in LIMITS
-        return np.zeros(len(self.x)) if is_limit else self.scale[:, column]
-
-    @property
-    def _columns(self) -> range:
-        return range(len(self.names))
+        return scale_of(self.scale, self.names[column], column)
 
     def _of(self, column: int, x: np.ndarray) -> np.ndarray:
         """(M,) coordinates y of a constant at unknowns x (M,)."""

@@ -143,12 +143,15 @@ def _factor_by_load(window: MotorLog) -> float | None:
     table = np.stack([np.convolve(term, smooth, "same")[inside] for term in terms], axis=1)
     balance = np.convolve(known, smooth, "same")[inside]
 
-    errors = []
-    for columns in (table, table[:, 1:]):
-        coefficients = np.linalg.lstsq(columns, balance, rcond=None)[0]
-        errors.append(float(np.var(balance - columns @ coefficients)))
-    factor = float(np.linalg.lstsq(table, balance, rcond=None)[0][0])
-    return factor if errors[1] >= MIN_GAIN * errors[0] else None
+    with_torque, unexplained = _fitted(table, balance)
+    _, unexplained_without = _fitted(table[:, 1:], balance)
+    return float(with_torque[0]) if unexplained_without >= MIN_GAIN * unexplained else None
+
+
+def _fitted(table: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coefficients of the columns by least squares, and the variance that they leave."""
+    coefficients = np.linalg.lstsq(table, values, rcond=None)[0]
+    return coefficients, float(np.var(values - table @ coefficients))
 
 
 def _factor_by_acceleration(window: MotorLog) -> float | None:
